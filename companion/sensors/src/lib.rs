@@ -1,0 +1,1 @@
+//! Sensor messages and where they come from: TUM folders and MCAP files.

@@ -1,0 +1,1 @@
+//! RGB-D SLAM among moving people and vehicles, and dense mapping.

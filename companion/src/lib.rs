@@ -1,0 +1,1 @@
+//! The on-board service: sensors to SLAM to a map on the wire.

@@ -1,0 +1,1 @@
+//! The operator's app: one fused map, plans and commands.

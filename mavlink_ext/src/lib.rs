@@ -1,0 +1,1 @@
+//! Tandem's MAVLink dialect, services, object transport and links.

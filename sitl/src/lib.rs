@@ -1,0 +1,1 @@
+//! A simulated world: scene, cameras, vehicles and their autopilots.
