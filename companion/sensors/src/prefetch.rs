@@ -1,0 +1,185 @@
+//! Any source, decoded ahead on a thread of its own.
+//!
+//! Decoding a JPEG and a PNG takes a good part of a frame's time. A thread named `sensor-decode` does it while the
+//! previous frame is tracked; a bounded channel holds it to a few frames ahead: it waits when the channel is full, so
+//! that no frame of a recording is lost.
+
+use std::io;
+use std::sync::mpsc::{Receiver, sync_channel};
+use std::thread::{Builder, JoinHandle};
+
+use maps::camera::{Pinhole, RgbdFrame};
+
+use crate::{RgbdSource, SourceError, TruthPose};
+
+/// A source whose frames are decoded ahead.
+#[derive(Debug)]
+pub struct Prefetch {
+    name: String,
+    camera: Pinhole,
+    frame_count: Option<usize>,
+    truth: Vec<TruthPose>,
+    /// `None` once it has ended.
+    frames: Option<Receiver<Result<RgbdFrame, SourceError>>>,
+    thread: Option<JoinHandle<()>>,
+}
+
+impl Prefetch {
+    /// Starts decoding up to `ahead` frames (at least one) of `source`. Fails if the system gives no thread.
+    pub fn new(mut source: Box<dyn RgbdSource>, ahead: usize) -> io::Result<Self> {
+        let (sender, frames) = sync_channel(ahead.max(1));
+        let (name, camera) = (source.name().to_owned(), source.camera());
+        let (frame_count, truth) = (source.frame_count(), source.truth().to_vec());
+        let thread = Builder::new().name("sensor-decode".into()).spawn(move || {
+            // Ends with the source, at its first error, or when nobody waits for frames any more.
+            while let Some(frame) = source.next_frame().transpose() {
+                let failed = frame.is_err();
+                if sender.send(frame).is_err() || failed {
+                    break;
+                }
+            }
+        })?;
+        Ok(Self {
+            name,
+            camera,
+            frame_count,
+            truth,
+            frames: Some(frames),
+            thread: Some(thread),
+        })
+    }
+}
+
+impl RgbdSource for Prefetch {
+    fn name(&self) -> &str {
+        &self.name
+    }
+
+    fn camera(&self) -> Pinhole {
+        self.camera
+    }
+
+    fn frame_count(&self) -> Option<usize> {
+        self.frame_count
+    }
+
+    fn truth(&self) -> &[TruthPose] {
+        &self.truth
+    }
+
+    fn next_frame(&mut self) -> Result<Option<RgbdFrame>, SourceError> {
+        let frame = self.frames.as_ref().and_then(|frames| frames.recv().ok());
+        frame.transpose()
+    }
+}
+
+impl Drop for Prefetch {
+    fn drop(&mut self) {
+        // Without a receiver the thread's next `send` fails and it ends.
+        self.frames = None;
+        if let Some(thread) = self.thread.take() {
+            // A panic there has been printed by the thread itself.
+            let _outcome = thread.join();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use maps::time::Stamp;
+
+    use super::*;
+
+    /// Frames numbered by their stamps, then an error if `fails`.
+    struct Counter {
+        next: u64,
+        count: u64,
+        fails: bool,
+    }
+
+    impl RgbdSource for Counter {
+        fn name(&self) -> &'static str {
+            "counter"
+        }
+
+        fn camera(&self) -> Pinhole {
+            Pinhole {
+                width: 1,
+                height: 1,
+                fx: 1.0,
+                fy: 1.0,
+                cx: 0.0,
+                cy: 0.0,
+                distortion: [0.0; 5],
+            }
+        }
+
+        fn frame_count(&self) -> Option<usize> {
+            usize::try_from(self.count).ok()
+        }
+
+        fn truth(&self) -> &[TruthPose] {
+            &[]
+        }
+
+        fn next_frame(&mut self) -> Result<Option<RgbdFrame>, SourceError> {
+            if self.next == self.count {
+                let reason = "broken".into();
+                let path = "counter".into();
+                let error = SourceError::Camera { path, reason };
+                return if self.fails { Err(error) } else { Ok(None) };
+            }
+            self.next += 1;
+            Ok(Some(RgbdFrame {
+                at: Stamp::from_nanos(self.next),
+                width: 1,
+                height: 1,
+                rgb: vec![[0; 3]],
+                depth_m: vec![1.0],
+            }))
+        }
+    }
+
+    #[test]
+    fn every_frame_arrives_once_and_in_order() {
+        let counter = Counter {
+            next: 0,
+            count: 20,
+            fails: false,
+        };
+        let mut source = Prefetch::new(Box::new(counter), 3).expect("a thread");
+        for expected in 1..=20 {
+            let frame = source.next_frame().expect("no error").expect("a frame");
+            assert_eq!(frame.at, Stamp::from_nanos(expected));
+        }
+        assert_eq!(source.next_frame().expect("no error"), None);
+        assert_eq!(source.next_frame().expect("still none"), None);
+    }
+
+    #[test]
+    fn an_error_arrives_after_the_frames_before_it_and_ends_the_source() {
+        let counter = Counter {
+            next: 0,
+            count: 2,
+            fails: true,
+        };
+        let mut source = Prefetch::new(Box::new(counter), 1).expect("a thread");
+        assert!(source.next_frame().expect("first").is_some());
+        assert!(source.next_frame().expect("second").is_some());
+        assert!(source.next_frame().is_err());
+        assert_eq!(source.next_frame().expect("ended"), None);
+    }
+
+    #[test]
+    fn a_source_dropped_early_ends_its_thread() {
+        let counter = Counter {
+            next: 0,
+            count: u64::MAX,
+            fails: false,
+        };
+        let mut source = Prefetch::new(Box::new(counter), 2).expect("a thread");
+        assert!(source.next_frame().expect("first").is_some());
+        // Hangs if the thread does not end.
+        drop(source);
+    }
+}
