@@ -4,7 +4,12 @@
 //! - [`frame`]: points, vectors and transforms that carry their coordinate frames.
 //! - [`time`]: [`time::Stamp`], a moment on one monotonic clock, always passed in.
 //! - [`camera`]: the pinhole camera and the RGB-D image it takes.
+//! - [`voxel`]: the voxel map, free and occupied; [`scan`]: adding what a sensor saw to it.
+//! - [`tile`]: cubes of the map with a version, and their compressed form.
 
 pub mod camera;
 pub mod frame;
+pub mod scan;
+pub mod tile;
 pub mod time;
+pub mod voxel;

@@ -1,0 +1,371 @@
+//! The voxel map: what is known of the world, free and occupied, in cubes of one resolution.
+//!
+//! Each known voxel holds the log-odds of being occupied, updated by `OctoMap`'s inverse sensor model:
+//!
+//! ```text
+//! l ← clamp(l + Δ, -2.0, 3.5)        Δ = log(0.7 / 0.3) = 0.85 if a ray ended in it, log(0.4 / 0.6) = -0.4 if one passed
+//! ```
+//!
+//! All five numbers are multiples of 0.05, so log-odds are integers in steps of 0.05 ([`LogOdds`]), and tiles and files
+//! hold them exactly.
+//!
+//! Voxels live in blocks of 8³ with one bit a voxel for *known* and *occupied*; blocks hang in tiles of 16³ blocks; tiles
+//! are found by hashing. Nothing iterates in hash order: every sequence the map gives out is ordered by tile, block, voxel.
+//!
+//! The world is bounded to 2¹⁶ voxels along each axis, centred on the origin: the very space of an `OctoMap` file.
+//!
+//! - A. Hornung et al., *`OctoMap`: an efficient probabilistic 3D mapping framework based on octrees*, Autonomous Robots
+//!   34, 2013, Eq. (2)–(4).
+//! - M. Nießner et al., *Real-time 3D reconstruction at scale using voxel hashing*, ACM TOG 32(6), 2013.
+
+pub(crate) mod block;
+mod cast;
+pub(crate) mod grid;
+
+use std::fmt;
+use std::ops::RangeInclusive;
+
+use xxhash_rust::xxh3::Xxh3Default;
+
+use crate::frame::{Point, World};
+use crate::scan::Marks;
+use crate::tile::{Tile, TileError, TileId};
+pub use cast::RayHit;
+use grid::{Hashed, TileNode};
+
+/// Where a voxel is: `floor(p / resolution)` along each axis of the world.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct VoxelKey {
+    /// Towards east.
+    pub x: i32,
+    /// Towards north.
+    pub y: i32,
+    /// Up.
+    pub z: i32,
+}
+
+impl VoxelKey {
+    /// The coordinates a key may have along each axis: those of an `OctoMap` file.
+    pub const RANGE: RangeInclusive<i32> = -32_768..=32_767;
+
+    /// The voxel at these coordinates.
+    pub const fn new(x: i32, y: i32, z: i32) -> Self {
+        Self { x, y, z }
+    }
+
+    /// Whether a map can hold it.
+    pub fn is_in_world(self) -> bool {
+        [self.x, self.y, self.z]
+            .iter()
+            .all(|c| Self::RANGE.contains(c))
+    }
+}
+
+/// A colour, in sRGB.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub struct Rgb(pub [u8; 3]);
+
+/// What is known of a place.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum Occupancy {
+    /// No ray has come by.
+    Unknown,
+    /// Rays passed through.
+    Free,
+    /// Something is there.
+    Occupied,
+}
+
+/// The logarithm of the odds that a voxel is occupied, in steps of 0.05.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct LogOdds(pub i8);
+
+impl LogOdds {
+    /// What the end of a ray adds: probability 0.7.
+    pub const HIT: Self = Self(17);
+    /// What a passing ray adds: probability 0.4.
+    pub const MISS: Self = Self(-8);
+    /// The least it may be, so that a voxel can change its mind: probability 0.12.
+    pub const MIN: Self = Self(-40);
+    /// The most it may be: probability 0.97.
+    pub const MAX: Self = Self(70);
+    /// What one step is worth.
+    pub const STEP: f64 = 0.05;
+
+    /// The value itself.
+    pub fn value(self) -> f64 {
+        f64::from(self.0) * Self::STEP
+    }
+
+    /// The nearest to `value` that a voxel can hold; NaN gives even odds.
+    pub fn nearest(value: f64) -> Self {
+        let steps = (value / Self::STEP).round() as i8; // saturates; NaN becomes 0
+        Self(steps).clamped()
+    }
+
+    /// Within what a voxel can hold.
+    #[must_use]
+    pub fn clamped(self) -> Self {
+        self.clamp(Self::MIN, Self::MAX)
+    }
+
+    /// The probability of being occupied.
+    pub fn probability(self) -> f64 {
+        1.0 - 1.0 / (1.0 + self.value().exp())
+    }
+
+    /// Whether occupied is more likely than free; even odds count as free.
+    pub fn is_occupied(self) -> bool {
+        self.0 > 0
+    }
+}
+
+/// A known voxel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Voxel {
+    /// How likely it is occupied.
+    pub log_odds: LogOdds,
+    /// The colour of its surface, of which the map keeps five bits a channel; `None` where free or never seen in colour.
+    pub color: Option<Rgb>,
+}
+
+impl Voxel {
+    /// Free or occupied.
+    pub fn occupancy(self) -> Occupancy {
+        if self.log_odds.is_occupied() {
+            Occupancy::Occupied
+        } else {
+            Occupancy::Free
+        }
+    }
+}
+
+/// A hash of everything that is known: maps are equal if and only if (but for one chance in 2⁶⁴) their digests are.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct MapDigest(pub u64);
+
+/// Sixteen hexadecimal digits.
+impl fmt::Display for MapDigest {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{:016x}", self.0)
+    }
+}
+
+/// What is known of the world. See the [module](self).
+#[derive(Clone, Debug)]
+pub struct VoxelMap {
+    resolution_m: f64,
+    tiles: Hashed<TileNode>,
+    /// What the scan under way has touched; kept between scans for its memory only.
+    pub(crate) marks: Marks,
+}
+
+impl VoxelMap {
+    /// The resolutions a map may have, in metres.
+    pub const RESOLUTION_M: RangeInclusive<f64> = 0.001..=100.0;
+
+    /// An empty map of voxels with this edge.
+    ///
+    /// # Panics
+    ///
+    /// Unless the resolution is within [`Self::RESOLUTION_M`]; check input from outside against it.
+    pub fn new(resolution_m: f64) -> Self {
+        assert!(
+            Self::RESOLUTION_M.contains(&resolution_m),
+            "a voxel of {resolution_m} m"
+        );
+        Self {
+            resolution_m,
+            tiles: Hashed::default(),
+            marks: Marks::default(),
+        }
+    }
+
+    /// The edge of a voxel.
+    pub fn resolution_m(&self) -> f64 {
+        self.resolution_m
+    }
+
+    /// The voxel that holds `p`. Far outside of the world it saturates.
+    pub fn key_of(&self, p: Point<World>) -> VoxelKey {
+        key_at(p, 1.0 / self.resolution_m)
+    }
+
+    /// The centre of a voxel.
+    pub fn center_of(&self, key: VoxelKey) -> Point<World> {
+        let [x, y, z] = [key.x, key.y, key.z].map(|c| (f64::from(c) + 0.5) * self.resolution_m);
+        Point::new(x, y, z)
+    }
+
+    /// What is known of a voxel.
+    pub fn voxel(&self, key: VoxelKey) -> Option<Voxel> {
+        let block = self
+            .tiles
+            .get(TileId::of(key))?
+            .block(grid::block_index(key))?;
+        block.voxel(grid::voxel_index(key))
+    }
+
+    /// Whether a voxel is unknown, free or occupied.
+    pub fn occupancy(&self, key: VoxelKey) -> Occupancy {
+        self.voxel(key).map_or(Occupancy::Unknown, Voxel::occupancy)
+    }
+
+    /// Overwrites one voxel, its log-odds clamped; a free voxel keeps no colour. Does nothing outside of the world.
+    pub fn set_voxel(&mut self, key: VoxelKey, voxel: Voxel) {
+        if !key.is_in_world() {
+            return;
+        }
+        let tile = self.tiles.get_or_insert(TileId::of(key));
+        let changed = tile
+            .block_mut(grid::block_index(key))
+            .set(grid::voxel_index(key), voxel);
+        tile.note(changed);
+        tile.commit();
+    }
+
+    /// Every occupied voxel, ordered by tile, block and place in the block.
+    pub fn occupied(&self) -> impl Iterator<Item = (VoxelKey, Voxel)> {
+        self.sorted_tiles().into_iter().flat_map(|tile| {
+            tile.blocks()
+                .flat_map(|(at, block)| grid::occupied(tile.id, at, block))
+        })
+    }
+
+    /// Every free and every occupied voxel, ordered by tile, block and place in the block.
+    pub fn known(&self) -> impl Iterator<Item = (VoxelKey, Voxel)> {
+        self.sorted_tiles().into_iter().flat_map(|tile| {
+            tile.blocks()
+                .flat_map(|(at, block)| grid::known(tile.id, at, block))
+        })
+    }
+
+    /// How many voxels are occupied.
+    pub fn occupied_count(&self) -> usize {
+        self.all_blocks()
+            .map(|(_, _, block)| block.occupied_count())
+            .sum()
+    }
+
+    /// How many voxels are free or occupied.
+    pub fn known_count(&self) -> usize {
+        self.all_blocks()
+            .map(|(_, _, block)| block.known_count())
+            .sum()
+    }
+
+    /// The least and the greatest coordinates of the known voxels, both inclusive.
+    pub fn bounds(&self) -> Option<(VoxelKey, VoxelKey)> {
+        self.all_blocks()
+            .filter_map(|(tile, at, block)| {
+                let corner = grid::block_corner(tile, at);
+                let (low, high) = block.bounds()?;
+                Some((grid::offset(corner, low), grid::offset(corner, high)))
+            })
+            .reduce(|(low, high), (l, h)| (least(low, l), greatest(high, h)))
+    }
+
+    /// The tiles in which something is known, sorted.
+    pub fn tile_ids(&self) -> Vec<TileId> {
+        self.sorted_tiles()
+            .into_iter()
+            .map(|tile| tile.id)
+            .collect()
+    }
+
+    /// A copy of what the map knows of a tile; its version counts the changes to it. `None` if that is nothing.
+    pub fn tile(&self, id: TileId) -> Option<Tile> {
+        let node = self.tiles.get(id)?;
+        let blocks: Vec<_> = node
+            .blocks()
+            .filter(|(_, block)| !block.is_unknown())
+            .map(|(at, block)| (at, block.clone()))
+            .collect();
+        (!blocks.is_empty()).then_some(Tile {
+            id,
+            version: node.version,
+            resolution_m: self.resolution_m,
+            blocks,
+        })
+    }
+
+    /// Replaces what the map knows of a tile, its version included.
+    pub fn set_tile(&mut self, tile: &Tile) -> Result<(), TileError> {
+        if !tile.id.is_in_world() {
+            return Err(TileError::OutsideWorld(tile.id));
+        }
+        if tile.resolution_m.to_bits() != self.resolution_m.to_bits() {
+            return Err(TileError::OtherResolution {
+                id: tile.id,
+                tile_m: tile.resolution_m,
+                map_m: self.resolution_m,
+            });
+        }
+        self.tiles.get_or_insert(tile.id).replace(tile);
+        Ok(())
+    }
+
+    /// The tiles that changed since this was last asked, sorted.
+    pub fn take_changed_tiles(&mut self) -> Vec<TileId> {
+        let mut ids: Vec<_> = self
+            .tiles
+            .values_mut()
+            .filter_map(|tile| std::mem::take(&mut tile.changed).then_some(tile.id))
+            .collect();
+        ids.sort_unstable();
+        ids
+    }
+
+    /// The digest of the resolution and of every known voxel.
+    pub fn digest(&self) -> MapDigest {
+        let mut hash = Xxh3Default::new();
+        hash.update(&self.resolution_m.to_bits().to_le_bytes());
+        for tile in self.sorted_tiles() {
+            let digest = grid::digest(tile.id, self.resolution_m, tile.blocks());
+            hash.update(&digest.to_le_bytes());
+        }
+        MapDigest(hash.digest())
+    }
+
+    pub(crate) fn tiles(&self) -> &Hashed<TileNode> {
+        &self.tiles
+    }
+
+    pub(crate) fn tile_mut(&mut self, id: TileId) -> &mut TileNode {
+        self.tiles.get_or_insert(id)
+    }
+
+    /// The tiles in which something is known, sorted.
+    fn sorted_tiles(&self) -> Vec<&TileNode> {
+        let mut tiles: Vec<_> = self
+            .tiles
+            .values()
+            .filter(|tile| tile.blocks().any(|(_, block)| !block.is_unknown()))
+            .collect();
+        tiles.sort_unstable_by_key(|tile| tile.id);
+        tiles
+    }
+
+    fn all_blocks(&self) -> impl Iterator<Item = (TileId, u16, &block::Block)> {
+        self.tiles
+            .values()
+            .flat_map(|tile| tile.blocks().map(|(at, block)| (tile.id, at, block)))
+    }
+}
+
+/// The voxel that holds `p` where an edge is `1 / per_m`; casts saturate.
+pub(crate) fn key_at(p: Point<World>, per_m: f64) -> VoxelKey {
+    let [x, y, z] = [p.raw.x, p.raw.y, p.raw.z].map(|c| (c * per_m).floor() as i32);
+    VoxelKey { x, y, z }
+}
+
+fn least(a: VoxelKey, b: VoxelKey) -> VoxelKey {
+    VoxelKey::new(a.x.min(b.x), a.y.min(b.y), a.z.min(b.z))
+}
+
+fn greatest(a: VoxelKey, b: VoxelKey) -> VoxelKey {
+    VoxelKey::new(a.x.max(b.x), a.y.max(b.y), a.z.max(b.z))
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,319 @@
+//! A cube of 8³ voxels: one byte of log-odds and two bits, *known* and *occupied*, a voxel; colours where there are any.
+//!
+//! Invariants, which make equal content equal bytes: an unknown voxel has log-odds 0; `occupied` is `log_odds > 0`;
+//! `colors` is empty if no voxel has a colour, else it holds one entry for each occupied voxel in order.
+
+use xxhash_rust::xxh3::Xxh3Default;
+
+use super::{LogOdds, Rgb, Voxel};
+
+/// Voxels along an edge of a block.
+pub(crate) const EDGE: usize = 8;
+/// Voxels in a block.
+pub(crate) const VOLUME: usize = EDGE * EDGE * EDGE;
+
+/// One bit a voxel: word `z`, bit `8 y + x`.
+pub(crate) type Mask = [u64; EDGE];
+
+/// No voxel.
+pub(crate) const NONE: Mask = [0; EDGE];
+
+/// A colour with five bits a channel; zero is no colour.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) struct PackedColor(u16);
+
+impl PackedColor {
+    pub(crate) const NONE: Self = Self(0);
+    const PRESENT: u16 = 0x8000;
+
+    pub(crate) fn from_channels([r, g, b]: [u8; 3]) -> Self {
+        let channel = |c: u8| u16::from(c & 31);
+        Self(Self::PRESENT | channel(r) << 10 | channel(g) << 5 | channel(b))
+    }
+
+    pub(crate) fn channels(self) -> Option<[u8; 3]> {
+        (self != Self::NONE).then(|| [10, 5, 0].map(|shift| (self.0 >> shift) as u8 & 31))
+    }
+
+    /// Halfway to `new`, rounded towards it, so that it is reached.
+    fn towards(self, new: Self) -> Self {
+        let (Some(old), Some(new)) = (self.channels(), new.channels()) else {
+            return new;
+        };
+        Self::from_channels(std::array::from_fn(|i| {
+            (old[i] + new[i] + u8::from(new[i] > old[i])) / 2
+        }))
+    }
+}
+
+impl From<Rgb> for PackedColor {
+    fn from(Rgb(channels): Rgb) -> Self {
+        Self::from_channels(channels.map(|c| c >> 3))
+    }
+}
+
+impl From<PackedColor> for Option<Rgb> {
+    fn from(color: PackedColor) -> Self {
+        let channels = color.channels()?;
+        Some(Rgb(channels.map(|c| c << 3 | c >> 2)))
+    }
+}
+
+/// A cube of 8³ voxels.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub(crate) struct Block {
+    known: Mask,
+    occupied: Mask,
+    log_odds: [i8; VOLUME],
+    colors: Vec<PackedColor>,
+}
+
+impl Block {
+    pub(crate) const UNKNOWN: Self = Self {
+        known: NONE,
+        occupied: NONE,
+        log_odds: [0; VOLUME],
+        colors: Vec::new(),
+    };
+
+    pub(crate) fn known_mask(&self) -> &Mask {
+        &self.known
+    }
+
+    pub(crate) fn occupied_mask(&self) -> &Mask {
+        &self.occupied
+    }
+
+    pub(crate) fn is_unknown(&self) -> bool {
+        self.known == NONE
+    }
+
+    pub(crate) fn known_count(&self) -> usize {
+        count(&self.known)
+    }
+
+    pub(crate) fn occupied_count(&self) -> usize {
+        count(&self.occupied)
+    }
+
+    pub(crate) fn is_occupied(&self, index: usize) -> bool {
+        has(&self.occupied, index)
+    }
+
+    /// The log-odds of a voxel that is known.
+    pub(crate) fn log_odds(&self, index: usize) -> Option<LogOdds> {
+        has(&self.known, index).then(|| LogOdds(self.log_odds[index]))
+    }
+
+    pub(crate) fn color(&self, index: usize) -> PackedColor {
+        if self.colors.is_empty() || !has(&self.occupied, index) {
+            return PackedColor::NONE;
+        }
+        self.colors[rank(&self.occupied, index)]
+    }
+
+    pub(crate) fn voxel(&self, index: usize) -> Option<Voxel> {
+        let log_odds = self.log_odds(index)?;
+        Some(Voxel {
+            log_odds,
+            color: self.color(index).into(),
+        })
+    }
+
+    /// Overwrites one voxel; whether that changed anything.
+    pub(crate) fn set(&mut self, index: usize, voxel: Voxel) -> bool {
+        let voxel = Voxel {
+            log_odds: voxel.log_odds.clamped(),
+            color: voxel.color.filter(|_| voxel.log_odds.is_occupied()),
+        };
+        let before = self.voxel(index);
+        let occupied = self.occupied;
+        self.log_odds[index] = voxel.log_odds.0;
+        put(&mut self.known, index, true);
+        put(&mut self.occupied, index, voxel.log_odds.is_occupied());
+        self.realign_colors(&occupied);
+        self.set_color(index, voxel.color.map_or(PackedColor::NONE, Into::into));
+        before != self.voxel(index)
+    }
+
+    /// One update a voxel: those in `hit` have the end of a ray in them, the others in `free` have rays passing.
+    /// Whether that changed anything.
+    pub(crate) fn update(&mut self, free: &Mask, hit: &Mask) -> bool {
+        let known = self.known;
+        let occupied = self.occupied;
+        let mut moved = 0;
+        for z in 0..EDGE {
+            let free = free[z] & !hit[z];
+            if free | hit[z] == 0 {
+                continue;
+            }
+            self.known[z] |= free | hit[z];
+            let slice = &mut self.log_odds[z * 64..][..64];
+            let deltas = deltas(free, hit[z]);
+            for (value, delta) in slice.iter_mut().zip(deltas) {
+                // Between -48 and 87 before it is clamped: no overflow.
+                let new = (*value + delta).clamp(LogOdds::MIN.0, LogOdds::MAX.0);
+                moved |= new ^ *value;
+                *value = new;
+            }
+            self.occupied[z] = positive(slice);
+        }
+        self.realign_colors(&occupied);
+        moved != 0 || known != self.known
+    }
+
+    /// Moves the colour of an occupied voxel towards one that was seen; whether that changed it.
+    pub(crate) fn see_color(&mut self, index: usize, seen: PackedColor) -> bool {
+        let before = self.color(index);
+        self.set_color(index, before.towards(seen));
+        before != self.color(index)
+    }
+
+    /// Gives an occupied voxel this colour, or none. Nothing happens to one that is not occupied.
+    pub(crate) fn set_color(&mut self, index: usize, color: PackedColor) {
+        if !has(&self.occupied, index) {
+            return;
+        }
+        if self.colors.is_empty() {
+            if color == PackedColor::NONE {
+                return;
+            }
+            self.colors = vec![PackedColor::NONE; count(&self.occupied)];
+        }
+        self.colors[rank(&self.occupied, index)] = color;
+        self.drop_empty_colors();
+    }
+
+    /// The least and greatest place `[x, y, z]` of what is known.
+    pub(crate) fn bounds(&self) -> Option<([u8; 3], [u8; 3])> {
+        let mut low = [u8::MAX; 3];
+        let mut high = [0; 3];
+        for (z, word) in (0..).zip(self.known).filter(|(_, word)| *word != 0) {
+            let columns = word.to_le_bytes().iter().fold(0, |any, row| any | row);
+            let [left, right] = [columns.trailing_zeros(), columns.ilog2()];
+            let [near, far] = [word.trailing_zeros() / 8, word.ilog2() / 8];
+            for (axis, (least, greatest)) in
+                [(left, right), (near, far), (z, z)].into_iter().enumerate()
+            {
+                low[axis] = low[axis].min(least as u8);
+                high[axis] = high[axis].max(greatest as u8);
+            }
+        }
+        (!self.is_unknown()).then_some((low, high))
+    }
+
+    /// Feeds everything that is known, and where, to a hash.
+    pub(crate) fn hash_into(&self, hash: &mut Xxh3Default) {
+        for word in self.known {
+            hash.update(&word.to_le_bytes());
+        }
+        hash.update(&self.log_odds.map(i8::cast_unsigned));
+        for color in &self.colors {
+            hash.update(&color.0.to_le_bytes());
+        }
+    }
+
+    /// Restores the order of the colours after `occupied` changed from what it was.
+    fn realign_colors(&mut self, was: &Mask) {
+        if self.colors.is_empty() || *was == self.occupied {
+            return;
+        }
+        let mut old = ones(was).zip(self.colors.iter().copied()).peekable();
+        self.colors = ones(&self.occupied)
+            .map(|index| {
+                while old.next_if(|(at, _)| *at < index).is_some() {}
+                old.next_if(|(at, _)| *at == index)
+                    .map_or(PackedColor::NONE, |(_, color)| color)
+            })
+            .collect();
+        self.drop_empty_colors();
+    }
+
+    fn drop_empty_colors(&mut self) {
+        if self.colors.iter().all(|c| *c == PackedColor::NONE) {
+            self.colors = Vec::new();
+        }
+    }
+}
+
+/// The indices of the bits that are set, ascending.
+pub(crate) fn ones(mask: &Mask) -> impl Iterator<Item = usize> + use<> {
+    mask.map(Some)
+        .into_iter()
+        .zip((0..).step_by(64))
+        .flat_map(|(word, base)| {
+            std::iter::successors(word, |w| Some(w & w.wrapping_sub(1)))
+                .take_while(|w| *w != 0)
+                .map(move |w| base + w.trailing_zeros() as usize)
+        })
+}
+
+fn count(mask: &Mask) -> usize {
+    mask.iter().map(|w| w.count_ones() as usize).sum()
+}
+
+fn has(mask: &Mask, index: usize) -> bool {
+    mask[index / 64] >> (index % 64) & 1 == 1
+}
+
+fn put(mask: &mut Mask, index: usize, value: bool) {
+    let bit = 1 << (index % 64);
+    if value {
+        mask[index / 64] |= bit;
+    } else {
+        mask[index / 64] &= !bit;
+    }
+}
+
+/// How many bits are set before `index`.
+fn rank(mask: &Mask, index: usize) -> usize {
+    let whole: u32 = mask[..index / 64].iter().map(|w| w.count_ones()).sum();
+    let part = (mask[index / 64] & ((1 << (index % 64)) - 1)).count_ones();
+    (whole + part) as usize
+}
+
+/// What 64 voxels gain: eight at a time, a byte of each mask spread over eight bytes.
+fn deltas(free: u64, hit: u64) -> [i8; 64] {
+    const HIT: u64 = 0x0101_0101_0101_0101 * LogOdds::HIT.0 as u64;
+    const MISS: u64 = 0x0101_0101_0101_0101 * LogOdds::MISS.0.cast_unsigned() as u64;
+    let mut deltas = [0; 64];
+    let rows = free.to_le_bytes().into_iter().zip(hit.to_le_bytes());
+    for (row, (free, hit)) in deltas.chunks_exact_mut(8).zip(rows) {
+        let bytes = SPREAD[usize::from(free)] & MISS | SPREAD[usize::from(hit)] & HIT;
+        for (delta, byte) in row.iter_mut().zip(bytes.to_le_bytes()) {
+            *delta = byte.cast_signed();
+        }
+    }
+    deltas
+}
+
+/// A byte for each bit of the index: 255 where it is set.
+static SPREAD: [u64; 256] = {
+    let mut table = [0; 256];
+    let mut bits = 0;
+    while bits < 256 {
+        let mut bit = 0;
+        while bit < 8 {
+            if bits >> bit & 1 == 1 {
+                table[bits] |= 0xff << (8 * bit);
+            }
+            bit += 1;
+        }
+        bits += 1;
+    }
+    table
+};
+
+/// A bit for each of 64 values: whether it is above zero.
+fn positive(values: &[i8]) -> u64 {
+    const LOW: u64 = 0x7f7f_7f7f_7f7f_7f7f;
+    let mut mask = [0; 8];
+    for (row, bits) in values.chunks_exact(8).zip(&mut mask) {
+        let word = u64::from_le_bytes(std::array::from_fn(|i| row[i].cast_unsigned()));
+        // The top bit of each byte: set by the carry unless its low bits are zero, then cleared where negative.
+        let above_zero = ((word & LOW) + LOW) & !word & !LOW;
+        // Gathers the eight top bits into one byte.
+        *bits = ((above_zero >> 7).wrapping_mul(0x0102_0408_1020_4080) >> 56) as u8;
+    }
+    u64::from_le_bytes(mask)
+}
