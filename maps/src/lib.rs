@@ -6,10 +6,14 @@
 //! - [`camera`]: the pinhole camera and the RGB-D image it takes.
 //! - [`voxel`]: the voxel map, free and occupied; [`scan`]: adding what a sensor saw to it.
 //! - [`tile`]: cubes of the map with a version, and their compressed form.
+//! - [`traversability`]: where a ground vehicle can drive, on a grid.
+//! - [`plan`]: paths for a car-like vehicle on that grid.
 
 pub mod camera;
 pub mod frame;
+pub mod plan;
 pub mod scan;
 pub mod tile;
 pub mod time;
+pub mod traversability;
 pub mod voxel;
