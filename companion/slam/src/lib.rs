@@ -1,1 +1,63 @@
 //! RGB-D SLAM among moving people and vehicles, and dense mapping.
+//!
+//! [`Slam::track`] takes one frame after the other and says where the camera is. Inside:
+//!
+//! ```text
+//! frame ─ features ─ find the map's points ─ fit the pose ─ reject what moves ─ fit again ─┬─ Tracked
+//!         (fast, brief)    (matching)         (solver)       (dynamics)                    └─ keyframe? ─ new points,
+//!                               └ none found: relocalise                                      local bundle adjustment
+//! ```
+//!
+//! The map is a set of keyframes and the points they see. Keyframes leave a sliding window of bundle adjustment; from
+//! then on their pose is final, and they come out as [`DenseKeyframe`]s for the voxel map, without what moved.
+//!
+//! The world has z up and the floor at z = 0, fitted in the first frame; its origin is below the first camera.
+//!
+//! Deterministic: the same frames give the same result, bit for bit. One thread. Memory is bounded by
+//! [`Settings::max_keyframes`] and [`Settings::max_points`], apart from the trajectory (120 bytes a frame).
+//!
+//! ```
+//! use maps::camera::{Pinhole, RgbdFrame};
+//! use maps::time::Stamp;
+//! use slam::{Settings, Slam, State};
+//!
+//! let camera = Pinhole { width: 64, height: 48, fx: 50.0, fy: 50.0, cx: 31.5, cy: 23.5, distortion: [0.0; 5] };
+//! let mut slam = Slam::new(camera, Settings::default());
+//! let black = RgbdFrame {
+//!     at: Stamp::ZERO,
+//!     width: 64,
+//!     height: 48,
+//!     rgb: vec![[0; 3]; 64 * 48],
+//!     depth_m: vec![0.0; 64 * 48],
+//! };
+//! let tracked = slam.track(&black)?;
+//! assert_eq!(tracked.state, State::Searching, "nothing to see yet");
+//! # Ok::<(), slam::FrameError>(())
+//! ```
+
+mod brief;
+mod bundle;
+mod coarse;
+mod dense;
+mod dynamics;
+mod fast;
+mod features;
+mod level;
+mod map;
+mod mapping;
+mod matching;
+mod motion;
+mod optics;
+mod pyramid;
+mod relocalise;
+mod settings;
+mod slam;
+mod solver;
+mod spread;
+mod tracked;
+mod tracking;
+
+pub use dense::DenseKeyframe;
+pub use settings::{Moving, Settings};
+pub use slam::Slam;
+pub use tracked::{FrameError, Overlay, State, Tracked};

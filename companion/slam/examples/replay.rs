@@ -1,0 +1,360 @@
+//! Replays a recording in TUM layout and says how well and how fast the SLAM tracks it.
+//!
+//! ```text
+//! cargo run --release -p slam --example replay -- FOLDER bonn|tum-fr1 [--frames N] [--pictures DIR] [--ignore-moving]
+//! ```
+//!
+//! Pictures: green points support the pose, red ones are rejected, red cells move; and every dense point from above.
+#![expect(clippy::print_stdout, reason = "a command-line program")]
+
+use std::collections::BTreeMap;
+use std::error::Error;
+use std::fs::{self, File};
+use std::io::{BufReader, BufWriter, Write as _};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use maps::camera::{Pinhole, RgbdFrame};
+use maps::time::Stamp;
+use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
+use slam::{DenseKeyframe, Moving, Settings, Slam, State, Tracked};
+
+type Result<T> = std::result::Result<T, Box<dyn Error>>;
+
+struct Arguments {
+    folder: PathBuf,
+    camera: Pinhole,
+    frames: usize,
+    pictures: Option<PathBuf>,
+    moving: Moving,
+}
+
+fn arguments() -> Result<Arguments> {
+    let mut args = std::env::args().skip(1);
+    let folder = args.next().ok_or("which folder?")?.into();
+    let camera = camera(&args.next().ok_or("which camera: bonn or tum-fr1?")?)?;
+    let mut parsed = Arguments {
+        folder,
+        camera,
+        frames: usize::MAX,
+        pictures: None,
+        moving: Moving::Reject,
+    };
+    while let Some(arg) = args.next() {
+        match arg.as_str() {
+            "--frames" => parsed.frames = args.next().ok_or("how many frames?")?.parse()?,
+            "--pictures" => parsed.pictures = Some(args.next().ok_or("pictures to where?")?.into()),
+            "--ignore-moving" => parsed.moving = Moving::Ignore,
+            other => return Err(format!("unknown argument {other}").into()),
+        }
+    }
+    Ok(parsed)
+}
+
+fn camera(name: &str) -> Result<Pinhole> {
+    let (f, c, distortion) = match name {
+        "bonn" => (
+            [542.822_841, 542.576_870],
+            [315.593_520, 237.756_098],
+            [0.039_903, -0.099_343, -0.000_730, -0.000_144, 0.0],
+        ),
+        "tum-fr1" => (
+            [517.306_408, 516.469_215],
+            [318.643_040, 255.313_989],
+            [0.262_383, -0.953_104, -0.005_358, 0.002_628, 1.163_314],
+        ),
+        other => return Err(format!("unknown camera {other}").into()),
+    };
+    Ok(Pinhole {
+        width: 640,
+        height: 480,
+        fx: f[0],
+        fy: f[1],
+        cx: c[0],
+        cy: c[1],
+        distortion,
+    })
+}
+
+fn read_frame(folder: &Path, line: &str) -> Result<RgbdFrame> {
+    let fields: Vec<&str> = line.split_whitespace().collect();
+    let [stamp, rgb, _, depth] = fields[..] else {
+        return Err(format!("not an association: {line}").into());
+    };
+    let bytes = fs::read(folder.join(rgb))?;
+    let mut decoder = zune_jpeg::JpegDecoder::new(std::io::Cursor::new(bytes));
+    let pixels = decoder.decode().map_err(|e| format!("{rgb}: {e}"))?;
+    let (width, height) = decoder.dimensions().ok_or("no size")?;
+    let mut png = png::Decoder::new(BufReader::new(File::open(folder.join(depth))?)).read_info()?;
+    let mut raw = vec![0; png.output_buffer_size().ok_or("too large")?];
+    png.next_frame(&mut raw)?;
+    Ok(RgbdFrame {
+        at: Stamp::from_secs_f64(stamp.parse()?).ok_or("bad stamp")?,
+        width,
+        height,
+        rgb: pixels.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect(),
+        depth_m: raw
+            .chunks_exact(2)
+            .map(|b| f32::from(u16::from_be_bytes([b[0], b[1]])) / 5000.0)
+            .collect(),
+    })
+}
+
+fn main() -> Result<()> {
+    let arguments = arguments()?;
+    let list = fs::read_to_string(arguments.folder.join("associations.txt"))?;
+    let settings = Settings {
+        moving: arguments.moving,
+        ..Settings::default()
+    };
+    let mut slam = Slam::new(arguments.camera, settings);
+    let mut times: Vec<(Duration, bool)> = Vec::new();
+    let mut outcomes: Vec<Tracked> = Vec::new();
+    let mut dense = Vec::new();
+    for (i, line) in list.lines().take(arguments.frames).enumerate() {
+        let frame = read_frame(&arguments.folder, line)?;
+        let tracked = timed(&mut times, || slam.track(&frame))?;
+        dense.extend(slam.take_keyframes());
+        if let Some(folder) = &arguments.pictures
+            && i % 10 == 0
+        {
+            fs::create_dir_all(folder)?;
+            overlay_picture(&folder.join(format!("{i:04}.png")), &frame, &slam)?;
+        }
+        if i % 50 == 0 || tracked.state != State::Tracking {
+            let p = tracked.world_from_camera.translation();
+            println!(
+                "{i:4} {:?} points {} rejected {} moving {:.2} map {:?} at {:.2} {:.2} {:.2} sigma {:.4} m",
+                tracked.state,
+                tracked.points,
+                tracked.rejected,
+                tracked.moving_share,
+                slam.map_size(),
+                p.raw.x,
+                p.raw.y,
+                p.raw.z,
+                tracked.covariance[(0, 0)].sqrt()
+            );
+        }
+        times.last_mut().ok_or("no time")?.1 = tracked.keyframe;
+        outcomes.push(tracked);
+    }
+    dense.extend(slam.finish());
+    report(&outcomes, &times, &dense);
+    accuracy(&arguments.folder, &slam, &outcomes)?;
+    if let Some(folder) = &arguments.pictures {
+        map_picture(&folder.join("map.png"), &dense)?;
+    }
+    Ok(())
+}
+
+#[expect(
+    clippy::disallowed_methods,
+    reason = "a program that measures speed reads the clock"
+)]
+fn timed<T>(times: &mut Vec<(Duration, bool)>, work: impl FnOnce() -> T) -> T {
+    let start = Instant::now();
+    let result = work();
+    times.push((start.elapsed(), false));
+    result
+}
+
+fn report(outcomes: &[Tracked], times: &[(Duration, bool)], dense: &[DenseKeyframe]) {
+    let tracked = outcomes
+        .iter()
+        .filter(|o| o.state == State::Tracking)
+        .count();
+    let rejecting = outcomes.iter().filter(|o| o.moving_share > 0.0).count();
+    println!(
+        "frames {} tracked share {:.4} resets {} frames with rejection {:.3}",
+        outcomes.len(),
+        tracked as f64 / outcomes.len().max(1) as f64,
+        outcomes.last().map_or(0, |o| o.reset_counter),
+        rejecting as f64 / outcomes.len().max(1) as f64
+    );
+    let stage = |name: &str, keyframe: Option<bool>| {
+        let mut ms: Vec<f64> = times
+            .iter()
+            .filter(|t| keyframe.is_none_or(|k| t.1 == k))
+            .map(|t| 1e3 * t.0.as_secs_f64())
+            .collect();
+        ms.sort_by(f64::total_cmp);
+        let mean = ms.iter().sum::<f64>() / ms.len().max(1) as f64;
+        let at = |q: f64| {
+            ms.get((q * ms.len() as f64) as usize)
+                .copied()
+                .unwrap_or(0.0)
+        };
+        println!(
+            "{name}: {} mean {mean:.1} p50 {:.1} p95 {:.1} p99 {:.1} ms, {:.1} frames/s",
+            ms.len(),
+            at(0.5),
+            at(0.95),
+            at(0.99),
+            1e3 / mean
+        );
+    };
+    stage("all frames", None);
+    stage("tracking only", Some(false));
+    stage("with keyframe", Some(true));
+    let points: usize = dense.iter().map(|d| d.points.len()).sum();
+    println!("dense keyframes {} points {points}", dense.len());
+}
+
+/// ATE as `evo` computes it: nearest stamps within 20 ms, rigid alignment, RMSE of the positions.
+fn accuracy(folder: &Path, slam: &Slam, outcomes: &[Tracked]) -> Result<()> {
+    let mut truth = BTreeMap::new();
+    for line in fs::read_to_string(folder.join("groundtruth.txt"))?.lines() {
+        let v: Vec<f64> = line
+            .split_whitespace()
+            .filter_map(|f| f.parse().ok())
+            .collect();
+        if let [t, x, y, z, qx, qy, qz, qw] = v[..] {
+            let rotation = UnitQuaternion::new_normalize(Quaternion::new(qw, qx, qy, qz));
+            let pose = Isometry3::from_parts(Translation3::new(x, y, z), rotation);
+            truth.insert(Stamp::from_secs_f64(t).ok_or("bad stamp")?, pose);
+        }
+    }
+    let nearest = |at: Stamp| {
+        let span = Duration::from_millis(20);
+        let near = truth.range(at - span..=at + span);
+        near.min_by_key(|(t, _)| t.distance(at)).map(|(_, p)| *p)
+    };
+    let pair =
+        |poses: Vec<(Stamp, Isometry3<f64>)>| -> Vec<(Stamp, Isometry3<f64>, Isometry3<f64>)> {
+            let with_truth = |(at, p): (Stamp, Isometry3<f64>)| Some((at, p, nearest(at)?));
+            poses.into_iter().filter_map(with_truth).collect()
+        };
+    let final_poses = pair(
+        slam.trajectory()
+            .into_iter()
+            .map(|(at, p)| (at, p.raw))
+            .collect(),
+    );
+    let live = outcomes.iter().filter(|o| o.state == State::Tracking);
+    let live = pair(live.map(|o| (o.at, o.world_from_camera.raw)).collect());
+    println!(
+        "ATE RMSE {:.4} m, of the poses as first told {:.4} m",
+        ate(&final_poses),
+        ate(&live)
+    );
+    println!(
+        "RPE over one frame {:.4} m, over 30 frames {:.4} m",
+        rpe(&final_poses, 1),
+        rpe(&final_poses, 30)
+    );
+    Ok(())
+}
+
+fn ate(poses: &[(Stamp, Isometry3<f64>, Isometry3<f64>)]) -> f64 {
+    let n = poses.len().max(1) as f64;
+    let position = |p: &Isometry3<f64>| p.translation.vector;
+    let mean_a = poses
+        .iter()
+        .map(|(_, a, _)| position(a))
+        .sum::<Vector3<f64>>()
+        / n;
+    let mean_b = poses
+        .iter()
+        .map(|(_, _, b)| position(b))
+        .sum::<Vector3<f64>>()
+        / n;
+    let h: Matrix3<f64> = poses
+        .iter()
+        .map(|(_, a, b)| (position(b) - mean_b) * (position(a) - mean_a).transpose())
+        .sum();
+    let svd = h.svd(true, true);
+    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
+        return f64::NAN;
+    };
+    let sign = (u.determinant() * v_t.determinant()).signum();
+    let r = Rotation3::from_matrix_unchecked(
+        u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v_t,
+    );
+    let errors: Vec<f64> = poses
+        .iter()
+        .map(|(_, a, b)| (r * (position(a) - mean_a) - (position(b) - mean_b)).norm())
+        .collect();
+    let worst: Vec<String> = errors
+        .iter()
+        .step_by(20)
+        .map(|e| format!("{e:.3}"))
+        .collect();
+    println!("error every 20 frames: {}", worst.join(" "));
+    (errors.iter().map(|e| e * e).sum::<f64>() / n).sqrt()
+}
+
+fn rpe(poses: &[(Stamp, Isometry3<f64>, Isometry3<f64>)], step: usize) -> f64 {
+    let squares: Vec<f64> = poses
+        .iter()
+        .zip(poses.iter().skip(step))
+        .map(|((_, a, b), (_, c, d))| {
+            let difference = (b.inverse() * d).inverse() * (a.inverse() * c);
+            difference.translation.vector.norm_squared()
+        })
+        .collect();
+    (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
+}
+
+fn overlay_picture(path: &Path, frame: &RgbdFrame, slam: &Slam) -> Result<()> {
+    let overlay = slam.overlay();
+    let mut rgb = frame.rgb.clone();
+    for (i, pixel) in rgb.iter_mut().enumerate() {
+        let (x, y) = (
+            i % frame.width / overlay.cell_px,
+            i / frame.width / overlay.cell_px,
+        );
+        if overlay.moving.get(y * overlay.cells_across + x) == Some(&true) {
+            pixel[0] = 128 + pixel[0] / 2;
+            pixel[1] /= 2;
+            pixel[2] /= 2;
+        }
+    }
+    let mut dot = |at: [f32; 2], color: [u8; 3]| {
+        for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
+            let (x, y) = (at[0] as usize + dx, at[1] as usize + dy);
+            if x < frame.width && y < frame.height {
+                rgb[y * frame.width + x] = color;
+            }
+        }
+    };
+    overlay.rejected.iter().for_each(|&at| dot(at, [255, 0, 0]));
+    overlay.tracked.iter().for_each(|&at| dot(at, [0, 255, 0]));
+    write_png(path, (frame.width, frame.height), &rgb)
+}
+
+/// All dense points from above, higher ones over lower ones, below 2 m, one pixel each 2 cm.
+fn map_picture(path: &Path, dense: &[DenseKeyframe]) -> Result<()> {
+    let side = 600;
+    let mut rgb = vec![[20; 3]; side * side];
+    let mut top = vec![f64::NEG_INFINITY; side * side];
+    for keyframe in dense {
+        for (p, color) in &keyframe.points {
+            let p = (keyframe.world_from_camera * *p).raw;
+            let (x, y) = (100.0 + 50.0 * p.x, 300.0 - 50.0 * p.y);
+            if x < 0.0 || y < 0.0 || x >= side as f64 || y >= side as f64 || p.z > 2.0 {
+                continue;
+            }
+            let at = y as usize * side + x as usize;
+            if p.z > top[at] {
+                (top[at], rgb[at]) = (p.z, *color);
+            }
+        }
+    }
+    write_png(path, (side, side), &rgb)
+}
+
+fn write_png(path: &Path, (width, height): (usize, usize), rgb: &[[u8; 3]]) -> Result<()> {
+    let mut encoder = png::Encoder::new(
+        BufWriter::new(File::create(path)?),
+        width as u32,
+        height as u32,
+    );
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_compression(png::Compression::Fast);
+    let mut writer = encoder.write_header()?;
+    writer.write_image_data(rgb.as_flattened())?;
+    writer.finish()?;
+    std::io::stdout().flush()?;
+    Ok(())
+}

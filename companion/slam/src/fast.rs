@@ -1,0 +1,245 @@
+//! FAST corners: a pixel is one if 9 neighbours in a row on a circle of 16 are all brighter or all darker than it.
+//!
+//! The image is cut into cells. Where a cell has no corner at the strict threshold it is searched again at the lenient
+//! one, so that dim and flat parts of the room also give points.
+//!
+//! - E. Rosten, T. Drummond, *Machine learning for high-speed corner detection*, ECCV 2006.
+
+use crate::pyramid::Gray;
+
+/// A corner, at a pixel of its pyramid level.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) struct Corner {
+    pub(crate) x: usize,
+    pub(crate) y: usize,
+    /// The highest threshold at which it is still a corner.
+    pub(crate) score: u8,
+}
+
+/// Strict and lenient threshold in grey levels.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Thresholds {
+    pub(crate) strict: u8,
+    pub(crate) lenient: u8,
+}
+
+const CELL: usize = 32;
+const CIRCLE: [(isize, isize); 16] = [
+    (0, -3),
+    (1, -3),
+    (2, -2),
+    (3, -1),
+    (3, 0),
+    (3, 1),
+    (2, 2),
+    (1, 3),
+    (0, 3),
+    (-1, 3),
+    (-2, 2),
+    (-3, 1),
+    (-3, 0),
+    (-3, -1),
+    (-2, -2),
+    (-1, -3),
+];
+
+/// Finds corners at least `margin` (3 or more) pixels from the border, strongest of each 3 x 3 only, row by row.
+pub(crate) fn corners(image: &Gray, margin: usize, thresholds: Thresholds) -> Vec<Corner> {
+    let margin = margin.max(3);
+    if image.width <= 2 * margin || image.height <= 2 * margin {
+        return Vec::new();
+    }
+    let mut search = Search::new(image);
+    let (right, bottom) = (image.width - margin, image.height - margin);
+    let cells_across = (right - margin).div_ceil(CELL);
+    let mut hits = vec![0u32; cells_across * (bottom - margin).div_ceil(CELL)];
+    for y in margin..bottom {
+        for x in search.row(y, margin..right, thresholds.strict) {
+            hits[(y - margin) / CELL * cells_across + (x - margin) / CELL] += 1;
+        }
+    }
+    for (cell, _) in hits.iter().enumerate().filter(|&(_, &count)| count == 0) {
+        let left = margin + cell % cells_across * CELL;
+        let top = margin + cell / cells_across * CELL;
+        for y in top..(top + CELL).min(bottom) {
+            search.row(y, left..(left + CELL).min(right), thresholds.lenient);
+        }
+    }
+    search.strongest()
+}
+
+struct Search<'a> {
+    image: &'a Gray,
+    offsets: [isize; 16],
+    scores: Vec<u8>,
+    found: Vec<usize>,
+    candidates: Vec<u8>,
+}
+
+impl<'a> Search<'a> {
+    fn new(image: &'a Gray) -> Self {
+        let stride = isize::try_from(image.width).unwrap_or(isize::MAX);
+        Self {
+            image,
+            offsets: CIRCLE.map(|(dx, dy)| dy * stride + dx),
+            scores: vec![0; image.pixels.len()],
+            found: Vec::new(),
+            candidates: Vec::new(),
+        }
+    }
+
+    /// Records the corners of part of a row; returns their columns.
+    fn row(&mut self, y: usize, columns: std::ops::Range<usize>, threshold: u8) -> Vec<usize> {
+        self.mark_candidates(y, columns.clone(), threshold);
+        let mut found = Vec::new();
+        for (i, chunk) in self.candidates.chunks(8).enumerate() {
+            if chunk.iter().all(|&c| c == 0) {
+                continue;
+            }
+            for (j, _) in chunk.iter().enumerate().filter(|&(_, &c)| c != 0) {
+                let x = columns.start + 8 * i + j;
+                let at = y * self.image.width + x;
+                if let Some(score) = self.score(at, threshold) {
+                    self.scores[at] = score;
+                    self.found.push(at);
+                    found.push(x);
+                }
+            }
+        }
+        found
+    }
+
+    /// Nine in a row cover at least one end of each diameter: a loop over whole rows, which vectorises.
+    fn mark_candidates(&mut self, y: usize, columns: std::ops::Range<usize>, threshold: u8) {
+        let part = |dx: isize, dy: isize| {
+            let row = self.image.row(y.saturating_add_signed(dy));
+            &row[columns.start.saturating_add_signed(dx)..columns.end.saturating_add_signed(dx)]
+        };
+        let (center, up, down) = (part(0, 0), part(0, -3), part(0, 3));
+        let (left, right) = (part(-3, 0), part(3, 0));
+        self.candidates.clear();
+        self.candidates.resize(columns.len(), 0);
+        let ends = center.iter().zip(up).zip(down).zip(left).zip(right);
+        for (mark, ((((&c, &u), &d), &l), &r)) in self.candidates.iter_mut().zip(ends) {
+            let vertical = u.abs_diff(c).max(d.abs_diff(c));
+            let horizontal = l.abs_diff(c).max(r.abs_diff(c));
+            *mark = u8::from(vertical.min(horizontal) > threshold);
+        }
+    }
+
+    fn score(&self, at: usize, threshold: u8) -> Option<u8> {
+        let center = i16::from(self.image.pixels[at]);
+        let threshold = i16::from(threshold);
+        let difference = self
+            .offsets
+            .map(|o| i16::from(self.image.pixels[at.saturating_add_signed(o)]) - center);
+        let (mut bright, mut dark) = (0u32, 0u32);
+        for (i, &d) in difference.iter().enumerate() {
+            bright |= u32::from(d > threshold) << i;
+            dark |= u32::from(d < -threshold) << i;
+        }
+        if !nine_in_a_row(bright) && !nine_in_a_row(dark) {
+            return None;
+        }
+        let strength =
+            weakest_of_best_arc(&difference).max(weakest_of_best_arc(&difference.map(|d| -d)));
+        Some(strength.clamp(1, 255) as u8)
+    }
+
+    /// Those that beat their eight neighbours; of equals, the first.
+    fn strongest(mut self) -> Vec<Corner> {
+        self.found.sort_unstable();
+        let (width, scores) = (self.image.width, &self.scores);
+        let is_peak = |at: usize| {
+            let score = scores[at];
+            let before = [at - width - 1, at - width, at - width + 1, at - 1];
+            let after = [at + 1, at + width - 1, at + width, at + width + 1];
+            before.iter().all(|&n| scores[n] < score) && after.iter().all(|&n| scores[n] <= score)
+        };
+        self.found
+            .iter()
+            .filter(|&&at| is_peak(at))
+            .map(|&at| Corner {
+                x: at % width,
+                y: at / width,
+                score: scores[at],
+            })
+            .collect()
+    }
+}
+
+fn nine_in_a_row(mask: u32) -> bool {
+    let ring = mask | mask << 16;
+    let two = ring & ring >> 1;
+    let four = two & two >> 2;
+    let eight = four & four >> 4;
+    eight & ring >> 8 != 0
+}
+
+fn weakest_of_best_arc(difference: &[i16; 16]) -> i16 {
+    let least = |of: &[i16; 16], step: usize| -> [i16; 16] {
+        std::array::from_fn(|i| of[i].min(of[(i + step) % 16]))
+    };
+    let eight = least(&least(&least(difference, 1), 2), 4);
+    (0..16)
+        .map(|i| eight[i].min(difference[(i + 8) % 16]))
+        .max()
+        .unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const THRESHOLDS: Thresholds = Thresholds {
+        strict: 20,
+        lenient: 7,
+    };
+
+    fn square(contrast: u8) -> Gray {
+        let (width, height) = (64, 64);
+        let inside = |i: usize| (20..40).contains(&(i % width)) && (20..40).contains(&(i / width));
+        Gray {
+            width,
+            height,
+            pixels: (0..width * height)
+                .map(|i| if inside(i) { 100 + contrast } else { 100 })
+                .collect(),
+        }
+    }
+
+    #[track_caller]
+    fn check_square(contrast: u8, expected: usize) {
+        let found = corners(&square(contrast), 4, THRESHOLDS);
+        let near = |c: &Corner| {
+            let off = |v: usize| v.abs_diff(20).min(v.abs_diff(39));
+            off(c.x) <= 2 && off(c.y) <= 2
+        };
+        assert!(found.iter().all(near), "contrast {contrast}: {found:?}");
+        assert_eq!(found.len(), expected, "contrast {contrast}: {found:?}");
+    }
+
+    #[test]
+    fn a_square_has_four_corners_and_a_dim_one_needs_the_lenient_threshold() {
+        check_square(100, 4);
+        check_square(12, 4);
+        check_square(5, 0);
+    }
+
+    #[test]
+    fn nine_in_a_row_wraps_around() {
+        assert!(nine_in_a_row(0b1_1111_1111));
+        assert!(nine_in_a_row(0b1111_0000_0001_1111));
+        assert!(!nine_in_a_row(0b1111_0000_0000_1111));
+    }
+
+    #[test]
+    fn an_image_smaller_than_its_margin_has_no_corners() {
+        let tiny = Gray {
+            width: 5,
+            height: 5,
+            pixels: vec![0; 25],
+        };
+        assert!(corners(&tiny, 3, THRESHOLDS).is_empty());
+    }
+}

@@ -1,0 +1,128 @@
+//! Where the world is: z up, the floor at z = 0, below the first camera.
+//!
+//! The floor is the plane of the first frame that has the most points, lies below a camera held roughly upright, and has
+//! next to nothing beneath it (a table has the floor beneath it). Found by RANSAC, refined by least squares.
+//!
+//! - M. A. Fischler, R. C. Bolles, *Random Sample Consensus*, CACM 1981.
+
+use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
+use rand_pcg::Pcg64;
+use rand_pcg::rand_core::Rng as _;
+
+use crate::coarse::Coarse;
+use crate::optics::Optics;
+
+/// A plane seen by the camera: `normal · p + height = 0`, the normal pointing up to the camera's side.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Floor {
+    normal: Vector3<f64>,
+    /// Of the camera over the plane.
+    height_m: f64,
+}
+
+/// Cosine of the largest tilt of a camera that is held upright.
+const UPRIGHT: f64 = 0.6;
+const LOWEST_M: f64 = 0.15;
+const HIGHEST_M: f64 = 20.0;
+/// The least share of the measured points that makes a floor.
+const LEAST_SHARE: f64 = 0.06;
+/// The largest share, of the floor's own points, that may lie beneath a floor.
+const BENEATH: f64 = 0.08;
+const TRIES: usize = 400;
+
+/// The floor in the first frame, if it shows one.
+pub(crate) fn find_floor(optics: &Optics, coarse: &Coarse, rng: &mut Pcg64) -> Option<Floor> {
+    let points: Vec<Vector3<f64>> = (0..optics.cell_count())
+        .step_by(3)
+        .filter(|&cell| coarse.near_m[cell] > 0.0 && coarse.depth_m[cell] > 0.0)
+        .map(|cell| optics.cell_point(cell, coarse.depth_m[cell]).map(f64::from))
+        .collect();
+    if points.len() < 100 {
+        return None;
+    }
+    let mut best: Option<(usize, Floor)> = None;
+    for _ in 0..TRIES {
+        let mut pick = || points[(rng.next_u64() % points.len() as u64) as usize];
+        let Some(floor) = plane_through(pick(), pick(), pick()) else {
+            continue;
+        };
+        let (on, beneath) = count(&floor, &points);
+        let acceptable =
+            on as f64 >= LEAST_SHARE * points.len() as f64 && beneath as f64 <= BENEATH * on as f64;
+        if acceptable && best.as_ref().is_none_or(|&(most, _)| on > most) {
+            best = Some((on, floor));
+        }
+    }
+    best.map(|(_, floor)| refine(refine(floor, &points), &points))
+}
+
+fn plane_through(a: Vector3<f64>, b: Vector3<f64>, c: Vector3<f64>) -> Option<Floor> {
+    let normal = (b - a).cross(&(c - a)).try_normalize(1e-4)?;
+    upright(normal, &a)
+}
+
+/// Turns the normal up; refuses what cannot be a floor.
+fn upright(normal: Vector3<f64>, on_plane: &Vector3<f64>) -> Option<Floor> {
+    let normal = if normal.y > 0.0 { -normal } else { normal };
+    let height_m = -normal.dot(on_plane);
+    let possible = -normal.y >= UPRIGHT && (LOWEST_M..=HIGHEST_M).contains(&height_m);
+    possible.then_some(Floor { normal, height_m })
+}
+
+/// How far a measurement may be off the plane: depth noise grows with the square of the distance.
+fn tolerance(p: &Vector3<f64>) -> f64 {
+    0.015 + 0.003 * p.z * p.z
+}
+
+fn count(floor: &Floor, points: &[Vector3<f64>]) -> (usize, usize) {
+    let (mut on, mut beneath) = (0, 0);
+    for p in points {
+        let over = floor.normal.dot(p) + floor.height_m;
+        let tolerance = tolerance(p);
+        on += usize::from(over.abs() <= tolerance);
+        beneath += usize::from(over < -4.0 * tolerance);
+    }
+    (on, beneath)
+}
+
+/// The plane that fits the points near it best.
+fn refine(floor: Floor, points: &[Vector3<f64>]) -> Floor {
+    let near: Vec<&Vector3<f64>> = points
+        .iter()
+        .filter(|p| (floor.normal.dot(p) + floor.height_m).abs() <= tolerance(p))
+        .collect();
+    if near.len() < 3 {
+        return floor;
+    }
+    let mean = near.iter().copied().sum::<Vector3<f64>>() / near.len() as f64;
+    let scatter: Matrix3<f64> = near
+        .iter()
+        .map(|p| (*p - mean) * (*p - mean).transpose())
+        .sum();
+    let eigen = scatter.symmetric_eigen();
+    let least = eigen.eigenvalues.imin();
+    upright(eigen.eigenvectors.column(least).into_owned(), &mean).unwrap_or(floor)
+}
+
+/// The first camera's pose: over the floor, its optical axis towards `heading_rad` counter-clockwise from east.
+pub(crate) fn first_pose(floor: Option<&Floor>, height_m: f64, heading_rad: f64) -> Isometry3<f64> {
+    let level = Floor {
+        normal: -Vector3::y(),
+        height_m,
+    };
+    let floor = floor.unwrap_or(&level);
+    let up = floor.normal;
+    // Straight down the optical axis has no heading; then the image's upper edge has it.
+    let flat = |v: Vector3<f64>| (v - up * up.dot(&v)).try_normalize(1e-3);
+    let forward = flat(Vector3::z())
+        .or_else(|| flat(-Vector3::y()))
+        .unwrap_or(Vector3::z());
+    let left = up.cross(&forward);
+    let level_from_camera =
+        Matrix3::from_rows(&[forward.transpose(), left.transpose(), up.transpose()]);
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), heading_rad);
+    Isometry3::from_parts(
+        Translation3::new(0.0, 0.0, floor.height_m),
+        turn * UnitQuaternion::from_matrix(&level_from_camera),
+    )
+}

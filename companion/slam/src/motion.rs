@@ -1,0 +1,79 @@
+//! The camera's motion, to guess the next pose: constant velocity.
+
+use maps::time::Stamp;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+/// The last pose, and the velocity that led to it.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Motion {
+    at: Stamp,
+    pub(crate) pose: Isometry3<f64>,
+    /// In the camera, per second.
+    linear: Vector3<f64>,
+    angular: Vector3<f64>,
+}
+
+/// For how long a velocity is believed.
+const LONGEST_S: f64 = 0.3;
+/// A step this much off the guess is a jump, not motion.
+const JUMP_M: f64 = 0.3;
+const JUMP_RAD: f64 = 0.35;
+
+impl Motion {
+    pub(crate) fn at_rest(at: Stamp, pose: Isometry3<f64>) -> Self {
+        Self {
+            at,
+            pose,
+            ..Self::default()
+        }
+    }
+
+    /// Where the camera should be at `at`.
+    pub(crate) fn predict(&self, at: Stamp) -> Isometry3<f64> {
+        let dt = at.since(self.at).as_secs_f64().min(LONGEST_S);
+        let step = Isometry3::from_parts(
+            Translation3::from(self.linear * dt),
+            UnitQuaternion::from_scaled_axis(self.angular * dt),
+        );
+        self.pose * step
+    }
+
+    /// Whether `pose` is too far from where the camera should be.
+    pub(crate) fn jumps_to(&self, at: Stamp, pose: &Isometry3<f64>) -> bool {
+        let off = self.predict(at).inverse() * pose;
+        off.translation.vector.norm() > JUMP_M || off.rotation.angle() > JUMP_RAD
+    }
+
+    /// The camera has moved to `pose`.
+    pub(crate) fn advance(&mut self, at: Stamp, pose: Isometry3<f64>) {
+        let dt = at.since(self.at).as_secs_f64();
+        let step = self.pose.inverse() * pose;
+        if dt > 1e-6 {
+            self.linear = step.translation.vector / dt;
+            self.angular = step.rotation.scaled_axis() / dt;
+        }
+        (self.at, self.pose) = (at, pose);
+    }
+
+    /// The last pose was in fact this one; the velocity stays.
+    pub(crate) fn correct(&mut self, pose: Isometry3<f64>) {
+        self.pose = pose;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steady_motion_is_predicted_even_over_a_dropped_frame() {
+        let at = |ms: u64| Stamp::from_nanos(ms * 1_000_000);
+        let pose = |x: f64| Isometry3::translation(x, 0.0, 0.0);
+        let mut motion = Motion::at_rest(at(0), pose(0.0));
+        motion.advance(at(30), pose(0.03));
+        let predicted = motion.predict(at(90));
+        assert!((predicted.translation.vector.x - 0.09).abs() < 1e-12);
+        assert!(!motion.jumps_to(at(90), &pose(0.2)));
+        assert!(motion.jumps_to(at(90), &pose(0.5)));
+    }
+}

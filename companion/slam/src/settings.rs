@@ -1,0 +1,55 @@
+//! What can be chosen about the SLAM.
+
+/// What is done about people and vehicles in view.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Moving {
+    /// They are found and left out of tracking and of the dense points.
+    Reject,
+    /// Everything is taken for static: cheaper, and right where nothing moves.
+    Ignore,
+}
+
+/// Settings; the defaults serve all cameras and recordings.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Settings {
+    /// Height of the first camera over the floor where the first frame shows no floor.
+    pub initial_height_m: f64,
+    /// Where the first camera looks, counter-clockwise from east.
+    pub initial_heading_rad: f64,
+    /// Features sought in an image.
+    pub features: usize,
+    /// Nearer depth is not believed.
+    pub min_depth_m: f64,
+    /// Farther depth is not believed.
+    pub max_depth_m: f64,
+    /// Every how many pixels, along and across, a dense point is taken.
+    pub dense_stride: usize,
+    /// Keyframes that are adjusted together; older ones are final.
+    pub window: usize,
+    /// Keyframes kept; beyond, the most redundant ones are forgotten.
+    pub max_keyframes: usize,
+    /// Map points kept; beyond, the least seen ones are forgotten.
+    pub max_points: usize,
+    /// What is done about people and vehicles in view.
+    pub moving: Moving,
+    /// Seed of the random samples of plane and pose searches.
+    pub seed: u64,
+}
+
+impl Default for Settings {
+    fn default() -> Self {
+        Self {
+            initial_height_m: 1.5,
+            initial_heading_rad: 0.0,
+            features: 1000,
+            min_depth_m: 0.3,
+            max_depth_m: 6.0,
+            dense_stride: 3,
+            window: 8,
+            max_keyframes: 150,
+            max_points: 30_000,
+            moving: Moving::Reject,
+            seed: 1,
+        }
+    }
+}

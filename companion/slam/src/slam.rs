@@ -1,0 +1,398 @@
+//! The state machine: a map is started, followed, lost and found again.
+
+use std::collections::VecDeque;
+
+use maps::camera::{Pinhole, RgbdFrame};
+use maps::frame::{Camera, Isometry, World};
+use maps::time::Stamp;
+use nalgebra::{Isometry3, Matrix6};
+use rand_pcg::Pcg64;
+use rand_pcg::rand_core::SeedableRng as _;
+
+use crate::coarse::Coarse;
+use crate::dense::{DenseKeyframe, Pending};
+use crate::dynamics::{self, Mask};
+use crate::features::{DepthRange, Extractor};
+use crate::level;
+use crate::map::{Keyframe, KeyframeId, Map};
+use crate::mapping;
+use crate::matching::Sighting;
+use crate::motion::Motion;
+use crate::optics::Optics;
+use crate::settings::{Moving, Settings};
+use crate::solver::Fit;
+use crate::tracked::{FrameError, Overlay, State, Tracked};
+use crate::tracking::{self, Located};
+
+/// The least number of features with depth that starts a map.
+const FEWEST_TO_START: usize = 80;
+/// Covariance of a pose that is not known.
+const UNKNOWN: f64 = 1e6;
+
+/// RGB-D SLAM: frames in, poses and dense keyframes out.
+pub struct Slam {
+    settings: Settings,
+    optics: Optics,
+    extractor: Extractor,
+    rng: Pcg64,
+    map: Map,
+    state: State,
+    last: Last,
+    mask: Mask,
+    /// Keyframes whose poses still move, oldest first.
+    window: VecDeque<KeyframeId>,
+    log: Vec<Logged>,
+    settled: Vec<DenseKeyframe>,
+    reset_counter: u32,
+    /// Which keyframe a lost camera is compared with next.
+    next_try: usize,
+}
+
+/// The last frame that was tracked.
+struct Last {
+    at: Option<Stamp>,
+    sighting: Sighting,
+    motion: Motion,
+    covariance: Matrix6<f64>,
+    frames_since_keyframe: usize,
+    rejected: usize,
+}
+
+/// A tracked frame, tied to the keyframe it was tracked against: it moves with it in bundle adjustment.
+struct Logged {
+    at: Stamp,
+    reference: KeyframeId,
+    reference_from_camera: Isometry3<f64>,
+}
+
+impl Slam {
+    /// SLAM for this camera, with an empty map.
+    pub fn new(camera: Pinhole, settings: Settings) -> Self {
+        Self {
+            optics: Optics::new(camera),
+            extractor: Extractor::new(settings.features),
+            rng: Pcg64::seed_from_u64(settings.seed),
+            map: Map::default(),
+            state: State::Searching,
+            last: Last {
+                at: None,
+                sighting: Sighting::default(),
+                motion: Motion::default(),
+                covariance: Matrix6::identity() * UNKNOWN,
+                frames_since_keyframe: 0,
+                rejected: 0,
+            },
+            mask: Mask::default(),
+            window: VecDeque::new(),
+            log: Vec::new(),
+            settled: Vec::new(),
+            reset_counter: 0,
+            next_try: 0,
+            settings,
+        }
+    }
+
+    /// Finds where the camera was when it took `frame`. A frame in which that is impossible is no error: see
+    /// [`Tracked::state`].
+    pub fn track(&mut self, frame: &RgbdFrame) -> Result<Tracked, FrameError> {
+        self.check(frame)?;
+        self.last.at = Some(frame.at);
+        let depths = self.depths();
+        let features = self.extractor.extract(&self.optics, frame, depths);
+        let coarse = Coarse::new(&self.optics, frame, depths);
+        let mut now = Sighting::new(&self.optics, features, coarse);
+        let keyframe = match self.state {
+            State::Searching => self.start(frame, now),
+            State::Tracking | State::Lost { .. } => match self.locate(frame.at, &mut now) {
+                Some(fit) => self.follow(frame, now, &fit),
+                None => self.lose(frame.at, now),
+            },
+        };
+        Ok(self.outcome(frame.at, keyframe))
+    }
+
+    /// Takes the keyframes whose pose has become final since the last call, oldest first.
+    pub fn take_keyframes(&mut self) -> Vec<DenseKeyframe> {
+        std::mem::take(&mut self.settled)
+    }
+
+    /// Ends the recording: all keyframes that were not yet taken.
+    pub fn finish(&mut self) -> Vec<DenseKeyframe> {
+        while let Some(id) = self.window.pop_front() {
+            self.settle(id);
+        }
+        self.take_keyframes()
+    }
+
+    /// Every tracked frame, as known now: frames move with the keyframes they were tracked against.
+    pub fn trajectory(&self) -> Vec<(Stamp, Isometry<World, Camera>)> {
+        let pose = |logged: &Logged| {
+            let reference = self.map.poses[logged.reference.0 as usize];
+            (
+                logged.at,
+                Isometry::claim(reference * logged.reference_from_camera),
+            )
+        };
+        self.log.iter().map(pose).collect()
+    }
+
+    /// What was made of the last frame that was tracked, for pictures.
+    pub fn overlay(&self) -> Overlay {
+        let now = &self.last.sighting;
+        let matched = now.features.iter().zip(&now.points);
+        let moving = |raw: [f32; 2]| now.coarse.moving[self.optics.cell_at(raw)];
+        Overlay {
+            tracked: matched
+                .filter(|(_, p)| p.is_some())
+                .map(|(f, _)| f.raw)
+                .collect(),
+            rejected: now
+                .features
+                .iter()
+                .map(|f| f.raw)
+                .filter(|&raw| moving(raw))
+                .collect(),
+            cell_px: self.optics.stride,
+            cells_across: self.optics.cells_across,
+            moving: now.coarse.moving.clone(),
+        }
+    }
+
+    /// Map points and keyframes held now.
+    pub fn map_size(&self) -> (usize, usize) {
+        (self.map.point_count(), self.map.keyframes.len())
+    }
+
+    fn depths(&self) -> DepthRange {
+        DepthRange {
+            min_m: self.settings.min_depth_m as f32,
+            max_m: self.settings.max_depth_m as f32,
+        }
+    }
+
+    fn check(&self, frame: &RgbdFrame) -> Result<(), FrameError> {
+        let camera = &self.optics.camera;
+        if (frame.width, frame.height) != (camera.width, camera.height) {
+            return Err(FrameError::Size {
+                found_width: frame.width,
+                found_height: frame.height,
+                width: camera.width,
+                height: camera.height,
+            });
+        }
+        let expected = frame.width * frame.height;
+        if frame.rgb.len() != expected || frame.depth_m.len() != expected {
+            return Err(FrameError::Length {
+                expected,
+                rgb: frame.rgb.len(),
+                depth: frame.depth_m.len(),
+            });
+        }
+        match self.last.at {
+            Some(before) if frame.at <= before => Err(FrameError::Order {
+                at: frame.at,
+                before,
+            }),
+            Some(_) | None => Ok(()),
+        }
+    }
+
+    fn start(&mut self, frame: &RgbdFrame, now: Sighting) -> bool {
+        let deep = now.features.iter().filter(|f| f.depth_m.is_some()).count();
+        if deep < FEWEST_TO_START {
+            self.last.sighting = now;
+            return false;
+        }
+        let floor = level::find_floor(&self.optics, &now.coarse, &mut self.rng);
+        let pose = level::first_pose(
+            floor.as_ref(),
+            self.settings.initial_height_m,
+            self.settings.initial_heading_rad,
+        );
+        self.state = State::Tracking;
+        self.last.motion = Motion::at_rest(frame.at, pose);
+        self.last.covariance = Matrix6::identity() * 1e-12;
+        self.last.sighting = now;
+        self.insert_keyframe(frame);
+        self.record(frame.at);
+        true
+    }
+
+    /// The pose of the frame and, left in `now`, the points that support it.
+    fn locate(&mut self, at: Stamp, now: &mut Sighting) -> Option<Fit> {
+        let known = Located {
+            optics: &self.optics,
+            map: &self.map,
+        };
+        let fit = match self.state {
+            State::Tracking => known.follow(&self.last.sighting, &self.last.motion, at, now),
+            State::Searching | State::Lost { .. } => None,
+        };
+        let fit = fit.or_else(|| {
+            let candidates = tracking::candidates(&self.map, self.next_try);
+            self.next_try += 1;
+            known.find_again(&candidates, now, &mut self.rng)
+        })?;
+        let fit = match self.settings.moving {
+            Moving::Ignore => fit,
+            Moving::Reject => self.reject_moving(now, fit)?,
+        };
+        (fit.agreeing >= tracking::FEWEST).then_some(fit)
+    }
+
+    fn reject_moving(&mut self, now: &mut Sighting, fit: Fit) -> Option<Fit> {
+        let pose = fit.world_from_camera;
+        self.mask = dynamics::reject_moving(
+            &self.optics,
+            &self.map,
+            &mut now.coarse,
+            (&pose, &self.mask),
+        );
+        let mut dropped = 0;
+        for i in 0..now.features.len() {
+            let moving = now.coarse.moving[self.optics.cell_at(now.features[i].raw)];
+            if moving && now.points[i].is_some() {
+                now.forget_match(i);
+                dropped += 1;
+            }
+        }
+        if dropped == 0 {
+            return Some(fit);
+        }
+        let known = Located {
+            optics: &self.optics,
+            map: &self.map,
+        };
+        known.fit_matches(now, &pose)
+    }
+
+    fn follow(&mut self, frame: &RgbdFrame, now: Sighting, fit: &Fit) -> bool {
+        let pose = fit.world_from_camera;
+        if matches!(self.state, State::Lost { .. }) || self.last.motion.jumps_to(frame.at, &pose) {
+            self.reset_counter = self.reset_counter.wrapping_add(1);
+            self.last.motion = Motion::at_rest(frame.at, pose);
+        } else {
+            self.last.motion.advance(frame.at, pose);
+        }
+        self.state = State::Tracking;
+        mapping::count_found(&self.optics, &mut self.map, &now, &pose);
+        let moving = |raw: [f32; 2]| now.coarse.moving[self.optics.cell_at(raw)];
+        self.last.rejected = now.features.iter().filter(|f| moving(f.raw)).count();
+        self.last.covariance = fit.covariance;
+        self.last.sighting = now;
+        self.last.frames_since_keyframe += 1;
+        let keyframe = self.needs_keyframe(fit.agreeing);
+        if keyframe {
+            self.insert_keyframe(frame);
+        }
+        self.record(frame.at);
+        keyframe
+    }
+
+    fn lose(&mut self, at: Stamp, now: Sighting) -> bool {
+        if self.state == State::Tracking {
+            self.state = State::Lost { since: at };
+        }
+        self.last.sighting = now;
+        self.last.sighting.forget_matches();
+        self.last.rejected = 0;
+        false
+    }
+
+    fn needs_keyframe(&self, agreeing: usize) -> bool {
+        let Some(reference) = self.window.back().and_then(|id| self.map.keyframes.get(id)) else {
+            return true;
+        };
+        mapping::needs_keyframe(
+            reference,
+            &self.last.sighting,
+            (&self.optics, &self.last.motion.pose),
+            (agreeing, self.last.frames_since_keyframe),
+        )
+    }
+
+    fn insert_keyframe(&mut self, frame: &RgbdFrame) {
+        let now = &self.last.sighting;
+        let keyframe = Keyframe {
+            at: frame.at,
+            world_from_camera: self.last.motion.pose,
+            features: now.features.clone(),
+            points: now.points.clone(),
+            coarse: now.coarse.clone(),
+            pending: Some(Pending::new(
+                frame,
+                self.depths(),
+                self.settings.dense_stride,
+            )),
+            tracked: now.matched(),
+        };
+        let id = self.map.add_keyframe(keyframe);
+        mapping::forget_seen_through(&self.optics, &mut self.map, id);
+        mapping::add_points(&self.optics, &mut self.map, id);
+        self.window.push_back(id);
+        mapping::adjust_window(&self.optics, &mut self.map, self.window.make_contiguous());
+        while self.window.len() > self.settings.window.max(2) {
+            if let Some(oldest) = self.window.pop_front() {
+                self.settle(oldest);
+            }
+        }
+        mapping::cull(&mut self.map, self.window.make_contiguous(), &self.settings);
+        if let Some(k) = self.map.keyframes.get_mut(&id) {
+            k.tracked = k.points.iter().flatten().count();
+            self.last.sighting.points.clone_from(&k.points);
+            self.last.motion.correct(k.world_from_camera);
+        }
+        self.last.frames_since_keyframe = 0;
+    }
+
+    /// A keyframe's pose is final: its mask is judged once more by all that was seen since, and it is handed out.
+    fn settle(&mut self, id: KeyframeId) {
+        if self.settings.moving == Moving::Reject {
+            dynamics::reconsider(&self.optics, &mut self.map, id);
+            mapping::forget_masked(&self.optics, &mut self.map, id);
+        }
+        if let Some(k) = self.map.keyframes.get_mut(&id)
+            && let Some(pending) = k.pending.take()
+        {
+            self.settled.push(DenseKeyframe {
+                at: k.at,
+                world_from_camera: Isometry::claim(k.world_from_camera),
+                points: pending.points(&self.optics, &k.coarse),
+            });
+        }
+    }
+
+    fn record(&mut self, at: Stamp) {
+        if let Some(&reference) = self.window.back() {
+            let pose = self.map.poses[reference.0 as usize];
+            self.log.push(Logged {
+                at,
+                reference,
+                reference_from_camera: pose.inverse() * self.last.motion.pose,
+            });
+        }
+    }
+
+    fn outcome(&self, at: Stamp, keyframe: bool) -> Tracked {
+        let now = &self.last.sighting;
+        let tracking = self.state == State::Tracking;
+        let measured = now.coarse.depth_m.iter().filter(|&&d| d > 0.0).count();
+        let moves = now.coarse.moving.iter().zip(&now.coarse.depth_m);
+        let moving = moves.filter(|&(&m, &d)| m && d > 0.0).count();
+        Tracked {
+            at,
+            state: self.state,
+            world_from_camera: Isometry::claim(self.last.motion.pose),
+            covariance: if tracking {
+                self.last.covariance
+            } else {
+                Matrix6::identity() * UNKNOWN
+            },
+            reset_counter: self.reset_counter,
+            points: if tracking { now.matched() } else { 0 },
+            rejected: self.last.rejected,
+            moving_share: moving as f64 / measured.max(1) as f64,
+            keyframe,
+        }
+    }
+}
