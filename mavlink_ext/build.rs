@@ -1,8 +1,10 @@
 //! Generates the messages of the dialect, and a table of what a frame's header does not say of them.
 //!
-//! The definitions are copied before they are read, because one thing in them is changed: message fields lose
-//! `enum="MAV_CMD"`. Commands are an open set (every dialect adds some), and the generated code refuses a whole message
-//! for one number it does not know; as plain integers they can be answered with "unsupported".
+//! The definitions are copied before they are read, because two things in them are changed, neither of which the wire
+//! shows:
+//! - message fields lose `enum="MAV_CMD"`. Commands are an open set (every dialect adds some), and the generated code
+//!   refuses a whole message for one number it does not know; as plain integers they can be answered with "unsupported".
+//! - notes of deprecation go: what peers still send must be understood, without a warning at each place that does.
 
 use std::collections::HashSet;
 use std::error::Error;
@@ -26,13 +28,14 @@ fn main() -> Result<(), Box<dyn Error>> {
         let path = entry?.path();
         if path.extension().is_some_and(|extension| extension == "xml") {
             let name = path.file_name().ok_or("a definition without a name")?;
-            fs::write(
-                definitions.join(name),
-                with_open_commands(&fs::read_to_string(&path)?),
-            )?;
+            let open = with_open_commands(&fs::read_to_string(&path)?);
+            let undated = without_elements(&without_elements(&open, "deprecated"), "superseded");
+            fs::write(definitions.join(name), undated)?;
         }
     }
-    mavlink_bindgen::generate(XmlDefinitions::Files(vec![definitions.join(TOP)]), &out)?;
+    let top = XmlDefinitions::Files(vec![definitions.join(TOP)]);
+    let generated = mavlink_bindgen::generate(top, &out)?;
+    mavlink_bindgen::format_generated_code(&generated); // Else a compiler error shows one line of two megabytes.
     fs::write(out.join("catalogue.rs"), catalogue(&definitions)?)?;
     Ok(())
 }
@@ -49,6 +52,28 @@ fn with_open_commands(xml: &str) -> String {
         open.push('\n');
     }
     open
+}
+
+/// The definition without the elements of this name, which contain no others.
+fn without_elements(xml: &str, name: &str) -> String {
+    let (opening, closing) = (format!("<{name}"), format!("</{name}>"));
+    let mut rest = xml;
+    let mut kept = String::with_capacity(xml.len());
+    while let Some(start) = rest.find(&opening) {
+        kept.push_str(&rest[..start]);
+        let element = &rest[start..];
+        let tag = element.find('>').map_or(element.len(), |at| at + 1);
+        let end = if element[..tag].ends_with("/>") {
+            tag
+        } else {
+            element
+                .find(&closing)
+                .map_or(element.len(), |at| at + closing.len())
+        };
+        rest = &element[end..];
+    }
+    kept.push_str(rest);
+    kept
 }
 
 /// The source text of the table, in ascending order of the ids.

@@ -5,11 +5,24 @@
 //!
 //! - [`dialect`]: the generated messages of `dialects/tandem.xml`, which includes `common.xml`.
 //! - [`wire`]: addresses, raw frames, parsing and encoding.
+//! - [`convert`]: wire units and frames to ours, and back.
 //! - [`link`]: UDP links.
+//! - [`presence`]: heartbeats, ours and others'.
+//! - [`command`]: commands and their acknowledgements, both ends.
+//! - [`mission`]: the mission protocol, both ends.
+//! - [`service`]: the form that all services have.
 
+pub mod command;
+pub mod convert;
 pub mod dialect;
 pub mod link;
+pub mod mission;
+pub mod presence;
+pub mod service;
 pub mod wire;
+
+#[cfg(test)]
+mod simulated;
 
 pub use dialect::Message;
 pub use wire::{Address, ComponentId, Encoder, Parser, RawFrame, SystemId, WireError};

@@ -57,20 +57,16 @@ commands! {
     /// Run the checks before arming.
     RUN_PREARM_CHECKS = MAV_CMD_RUN_PREARM_CHECKS;
     /// Ask for the home position.
-    #[expect(deprecated, reason = "peers still send it")]
     GET_HOME_POSITION = MAV_CMD_GET_HOME_POSITION;
     /// Ask how often a message is sent.
-    #[expect(deprecated, reason = "peers still send it")]
     GET_MESSAGE_INTERVAL = MAV_CMD_GET_MESSAGE_INTERVAL;
     /// Set how often a message is sent.
     SET_MESSAGE_INTERVAL = MAV_CMD_SET_MESSAGE_INTERVAL;
     /// Ask for one message.
     REQUEST_MESSAGE = MAV_CMD_REQUEST_MESSAGE;
     /// Ask for `PROTOCOL_VERSION`.
-    #[expect(deprecated, reason = "peers still send it")]
     REQUEST_PROTOCOL_VERSION = MAV_CMD_REQUEST_PROTOCOL_VERSION;
     /// Ask for `AUTOPILOT_VERSION`.
-    #[expect(deprecated, reason = "peers still send it")]
     REQUEST_AUTOPILOT_CAPABILITIES = MAV_CMD_REQUEST_AUTOPILOT_CAPABILITIES;
     /// Reboot or shut down.
     PREFLIGHT_REBOOT_SHUTDOWN = MAV_CMD_PREFLIGHT_REBOOT_SHUTDOWN;

@@ -1,0 +1,154 @@
+//! `ODOMETRY` as flight controllers want it for external navigation.
+//!
+//! ArduPilot drops it silently unless `frame_id` is `LOCAL_FRD` and `child_frame_id` is `BODY_FRD`; PX4 takes the same.
+//! `LOCAL_FRD` is a local frame whose x axis need not point north; ours does, since world is east-north-up.
+
+use maps::frame::{Body, Isometry, Vector, World};
+use maps::time::Stamp;
+use nalgebra::Matrix6;
+
+use super::{attitude_to_ned, to_frd, to_ned};
+use crate::dialect::tandem::{MavEstimatorType, MavFrame, ODOMETRY_DATA};
+
+/// An estimate of where the vehicle is and how it moves.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Odometry {
+    /// When the sensors saw it, on our clock.
+    pub at: Stamp,
+    /// The pose.
+    pub world_from_body: Isometry<World, Body>,
+    /// Velocity over ground in metres per second, as seen from the body; `None` if it is not known.
+    pub velocity: Option<Vector<Body>>,
+    /// Turn rates in radians per second about the body's axes; `None` if they are not known.
+    pub turn_rate: Option<Vector<Body>>,
+    /// Covariance of the pose perturbed on the right, translation before rotation (m², rad²); `None` if not known.
+    pub covariance: Option<Matrix6<f64>>,
+    /// Counts jumps of the estimate, as after a loop closure: the flight controller resets instead of rejecting.
+    pub reset_counter: u8,
+    /// How good the estimate is: −1 failed, 0 unknown, 1..=100 percent.
+    pub quality: i8,
+}
+
+/// The message for a flight controller.
+pub fn odometry_message(odometry: &Odometry) -> ODOMETRY_DATA {
+    let position = to_ned(Vector::from_raw(
+        odometry.world_from_body.translation().raw.coords,
+    ));
+    let [x, y, z] = position.map(|c| c as f32);
+    let attitude = attitude_to_ned(odometry.world_from_body.rotation());
+    let or_unknown = |v: Option<Vector<Body>>| {
+        v.map_or([f32::NAN; 3], |v| {
+            to_frd(v).map(|component| component as f32)
+        })
+    };
+    let [vx, vy, vz] = or_unknown(odometry.velocity);
+    let [rollspeed, pitchspeed, yawspeed] = or_unknown(odometry.turn_rate);
+    let mut unknown_covariance = [0.0; 21];
+    unknown_covariance[0] = f32::NAN;
+    ODOMETRY_DATA {
+        time_usec: odometry.at.as_nanos() / 1000,
+        x,
+        y,
+        z,
+        q: [attitude.w, attitude.i, attitude.j, attitude.k].map(|c| c as f32),
+        vx,
+        vy,
+        vz,
+        rollspeed,
+        pitchspeed,
+        yawspeed,
+        pose_covariance: odometry
+            .covariance
+            .as_ref()
+            .map_or(unknown_covariance, |covariance| {
+                let rotation = odometry.world_from_body.rotation();
+                upper_triangle(&wire_covariance(covariance, &rotation))
+            }),
+        velocity_covariance: unknown_covariance,
+        frame_id: MavFrame::MAV_FRAME_LOCAL_FRD,
+        child_frame_id: MavFrame::MAV_FRAME_BODY_FRD,
+        reset_counter: odometry.reset_counter,
+        estimator_type: MavEstimatorType::MAV_ESTIMATOR_TYPE_VISION,
+        quality: odometry.quality,
+    }
+}
+
+/// Covariance of the position in NED and of the attitude about the axes of FRD. Ours is of a perturbation on the right:
+/// its translation is in the body (FLU) and turns with it; its rotation is about FLU axes already.
+fn wire_covariance(
+    covariance: &Matrix6<f64>,
+    world_from_body: &nalgebra::UnitQuaternion<f64>,
+) -> Matrix6<f64> {
+    let frd_flu = nalgebra::Matrix3::from_diagonal(&nalgebra::Vector3::new(1.0, -1.0, -1.0));
+    let ned_enu = nalgebra::Matrix3::new(0.0, 1.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, -1.0);
+    let mut jacobian = Matrix6::zeros();
+    jacobian
+        .fixed_view_mut::<3, 3>(0, 0)
+        .copy_from(&(ned_enu * world_from_body.to_rotation_matrix().matrix()));
+    jacobian.fixed_view_mut::<3, 3>(3, 3).copy_from(&frd_flu);
+    jacobian * covariance * jacobian.transpose()
+}
+
+/// Row by row from the diagonal on, as MAVLink packs covariances.
+fn upper_triangle(matrix: &Matrix6<f64>) -> [f32; 21] {
+    let mut packed = [0.0; 21];
+    let indices = (0..6).flat_map(|row| (row..6).map(move |column| (row, column)));
+    for (slot, index) in packed.iter_mut().zip(indices) {
+        *slot = matrix[index] as f32;
+    }
+    packed
+}
+
+#[cfg(test)]
+mod tests {
+    use std::f64::consts::FRAC_PI_2;
+
+    use nalgebra::{Isometry3, UnitQuaternion, Vector3, Vector6};
+
+    use super::*;
+
+    fn heading_north_at_1_2_3() -> Odometry {
+        let rotation = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), FRAC_PI_2);
+        let diagonal = Vector6::new(1.0, 2.0, 3.0, 4.0, 5.0, 6.0);
+        Odometry {
+            at: Stamp::from_nanos(5_000),
+            world_from_body: Isometry::claim(Isometry3::from_parts(
+                Vector3::new(1.0, 2.0, 3.0).into(),
+                rotation,
+            )),
+            velocity: Some(Vector::new(0.5, 0.25, 0.125)),
+            turn_rate: None,
+            covariance: Some(Matrix6::from_diagonal(&diagonal)),
+            reset_counter: 3,
+            quality: 90,
+        }
+    }
+
+    #[test]
+    fn odometry_is_in_the_frames_that_flight_controllers_take() {
+        let message = odometry_message(&heading_north_at_1_2_3());
+        assert_eq!(message.frame_id, MavFrame::MAV_FRAME_LOCAL_FRD);
+        assert_eq!(message.child_frame_id, MavFrame::MAV_FRAME_BODY_FRD);
+        assert_eq!((message.x, message.y, message.z), (2.0, 1.0, -3.0));
+        assert_eq!((message.vx, message.vy, message.vz), (0.5, -0.25, -0.125));
+        assert!(message.rollspeed.is_nan(), "unknown is NaN");
+        assert!(
+            (message.q[0].abs() - 1.0).abs() < 1e-6,
+            "yaw 0: {:?}",
+            message.q
+        );
+        assert_eq!((message.time_usec, message.reset_counter), (5, 3));
+    }
+
+    #[test]
+    fn covariance_turns_into_the_frames_of_the_message() {
+        let covariance = odometry_message(&heading_north_at_1_2_3()).pose_covariance;
+        let diagonal = [0, 6, 11, 15, 18, 20].map(|index| covariance[index].round() as i32);
+        assert_eq!(diagonal, [1, 2, 3, 4, 5, 6], "forward is north here");
+        let unknown = Odometry {
+            covariance: None,
+            ..heading_north_at_1_2_3()
+        };
+        assert!(odometry_message(&unknown).pose_covariance[0].is_nan());
+    }
+}
