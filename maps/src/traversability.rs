@@ -3,12 +3,13 @@
 //! Every cell of a 2-D grid at the map's resolution is *drivable*, with the height of its ground and a cost, *blocked* (a
 //! step, a slope, an obstacle in the height band of the vehicle) or *unknown* (no ground was seen). What hangs higher
 //! over the ground than the vehicle is tall does not hinder: a table, a bridge, a ceiling. One surface means that a bridge
-//! is driven under, never over.
+//! is driven under, never over. How the cells follow from voxels is told in [`ground`].
 //!
 //! The grid knows for every cell how far the nearest blocked cell is, exactly, measured to its edge; what lies outside the
 //! grid is unknown.
 
 mod distance;
+pub mod ground;
 
 use crate::frame::{Point, World};
 
@@ -158,6 +159,17 @@ impl Traversability {
             to_blocked,
             to_untrusted,
         })
+    }
+
+    fn empty(resolution_m: f64) -> Self {
+        Self {
+            origin_m: [0.0; 2],
+            resolution_m,
+            width: 0,
+            cells: Vec::new(),
+            to_blocked: Vec::new(),
+            to_untrusted: Vec::new(),
+        }
     }
 
     /// Cells along x and along y.
