@@ -1,12 +1,16 @@
 //! Tiles: cubes of 128³ voxels of a map, which travel, are stored and are compared on their own.
 //!
 //! A tile carries a version that its sender counts up with every change, so that a receiver keeps the newest whatever the
-//! order of arrival.
+//! order of arrival. [`Tile::encode`] compresses it for thin links.
+
+mod codec;
+mod model;
+mod range_coder;
 
 use std::fmt;
 
 use crate::voxel::block::Block;
-use crate::voxel::{Voxel, VoxelKey, VoxelMap, grid};
+use crate::voxel::{Voxel, VoxelKey, grid};
 
 /// Which tile: the key of any of its voxels, shifted right by 7 bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -54,6 +58,47 @@ impl fmt::Display for TileId {
 /// Why a tile was refused.
 #[derive(Clone, Copy, Debug, PartialEq, thiserror::Error)]
 pub enum TileError {
+    /// Something else.
+    #[error("not a tile: it does not begin with TDTL")]
+    NotATile,
+    /// Cut off.
+    #[error("the tile ends within its header")]
+    TooShort,
+    /// Written by a newer program.
+    #[error("the tile has format {found}, this program reads format {newest}")]
+    OtherFormat {
+        /// The tile's.
+        found: u8,
+        /// The newest that is understood.
+        newest: u8,
+    },
+    /// Written by a newer program.
+    #[error("the tile is compressed by codec {found}, this program knows codec {newest}")]
+    OtherCodec {
+        /// The tile's.
+        found: u8,
+        /// The newest that is understood.
+        newest: u8,
+    },
+    /// Bits have changed on the way.
+    #[error("the tile is damaged: checksum {computed:08x}, header says {stored:08x}")]
+    Damaged {
+        /// What the header says.
+        stored: u32,
+        /// What the bytes give.
+        computed: u32,
+    },
+    /// The checksum is right but the payload is none that an encoder writes.
+    #[error("the payload of tile {0} makes no sense")]
+    Malformed(TileId),
+    /// No map can have it.
+    #[error("tile {id} has voxels of {tile_m} m, a map has 0.001 m to 100 m")]
+    BadResolution {
+        /// The tile.
+        id: TileId,
+        /// Its resolution.
+        tile_m: f64,
+    },
     /// No map reaches that far.
     #[error("tile {0} is outside of the world")]
     OutsideWorld(TileId),
@@ -132,16 +177,5 @@ impl Tile {
     pub fn digest(&self) -> u64 {
         let blocks = self.blocks.iter().map(|(at, block)| (*at, block));
         grid::digest(self.id, self.resolution_m, blocks)
-    }
-}
-
-/// A map of one tile.
-impl TryFrom<&Tile> for VoxelMap {
-    type Error = TileError;
-
-    fn try_from(tile: &Tile) -> Result<Self, TileError> {
-        let mut map = Self::new(tile.resolution_m);
-        map.set_tile(tile)?;
-        Ok(map)
     }
 }

@@ -76,6 +76,28 @@ impl Block {
         colors: Vec::new(),
     };
 
+    /// The block of these voxels; a colour counts where its voxel is occupied.
+    pub(crate) fn from_voxels(
+        log_odds: &[Option<LogOdds>; VOLUME],
+        colors: &[PackedColor; VOLUME],
+    ) -> Self {
+        let mut block = Self::UNKNOWN;
+        for (index, log_odds) in log_odds.iter().enumerate() {
+            if let Some(log_odds) = log_odds {
+                block.log_odds[index] = log_odds.0;
+                put(&mut block.known, index, true);
+                put(&mut block.occupied, index, log_odds.is_occupied());
+            }
+        }
+        block.colors = ones(&block.occupied).map(|index| colors[index]).collect();
+        block.drop_empty_colors();
+        block
+    }
+
+    pub(crate) fn is_colored(&self) -> bool {
+        !self.colors.is_empty()
+    }
+
     pub(crate) fn known_mask(&self) -> &Mask {
         &self.known
     }
