@@ -8,6 +8,7 @@
 //! - [`tile`]: cubes of the map with a version, and their compressed form.
 //! - [`traversability`]: where a ground vehicle can drive, on a grid.
 //! - [`plan`]: paths for a car-like vehicle on that grid.
+//! - [`trajectory`]: stamped poses, their files, and the errors of an estimate.
 
 pub mod camera;
 pub mod frame;
@@ -15,5 +16,6 @@ pub mod plan;
 pub mod scan;
 pub mod tile;
 pub mod time;
+pub mod trajectory;
 pub mod traversability;
 pub mod voxel;
