@@ -50,6 +50,7 @@ struct Arguments {
     zoom: f64,
 }
 
+#[expect(clippy::print_stdout, reason = "the example's user reads it")]
 fn main() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
     let map = room();
@@ -94,7 +95,7 @@ fn main() -> anyhow::Result<()> {
         frame.camera = frame.camera.orbited(camera.target(), 1e-3, 0.0);
     }
     let image = device.render(&frame)?;
-    tracing::info!(quads, device = device.device_name(), "drawn");
+    println!("{quads} quads on {}", device.device_name());
     let file = File::create(&arguments.out)
         .with_context(|| format!("cannot write {}", arguments.out.display()))?;
     image.write_png(BufWriter::new(file))?;

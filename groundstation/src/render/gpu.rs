@@ -269,6 +269,7 @@ impl Renderer {
             glass,
             lines,
             hidden_lines,
+            casings,
             ..
         } = &self.pipelines;
         if !sketch.solid.is_empty() {
@@ -292,8 +293,10 @@ impl Renderer {
             let segments = sketch.segments.len() as u32;
             pass.set_pipeline(hidden_lines);
             pass.draw(0..4, sketch.ground_segments as u32..segments);
-            pass.set_pipeline(lines);
-            pass.draw(0..4, 0..segments);
+            for pipeline in [casings, lines] {
+                pass.set_pipeline(pipeline);
+                pass.draw(0..4, 0..segments);
+            }
         }
     }
 

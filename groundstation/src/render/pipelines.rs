@@ -24,7 +24,10 @@ pub(crate) struct Pipelines {
     pub(crate) ground: RenderPipeline,
     pub(crate) glass: RenderPipeline,
     pub(crate) lines: RenderPipeline,
+    /// What of a line is behind something.
     pub(crate) hidden_lines: RenderPipeline,
+    /// Their dark rims.
+    pub(crate) casings: RenderPipeline,
     pub(crate) screen: RenderPipeline,
     pub(crate) globals_layout: BindGroupLayout,
     pub(crate) screen_layout: BindGroupLayout,
@@ -58,6 +61,7 @@ impl Pipelines {
             glass,
             lines,
             hidden_lines,
+            casings,
         ] = kinds().map(|kind| pipeline(device, &shader, &globals_layout, &kind));
         Self {
             voxels,
@@ -67,6 +71,7 @@ impl Pipelines {
             glass,
             lines,
             hidden_lines,
+            casings,
             screen: screen_pipeline(device, &shader, &screen_layout, target),
             globals_layout,
             screen_layout,
@@ -117,7 +122,7 @@ const fn layout(
     }
 }
 
-fn kinds() -> [Kind<'static>; 7] {
+fn kinds() -> [Kind<'static>; 8] {
     let solid = Kind {
         name: "solid",
         vertex: "solid_vertex",
@@ -174,6 +179,11 @@ fn kinds() -> [Kind<'static>; 7] {
             name: "hidden lines",
             fragment: "hidden_line_fragment",
             compare: CompareFunction::Less,
+            ..lines
+        },
+        Kind {
+            name: "casings",
+            fragment: "casing_fragment",
             ..lines
         },
     ]

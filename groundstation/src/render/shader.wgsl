@@ -119,7 +119,9 @@ fn glass_vertex(in: Plain) -> Shaded {
     return plain(in, globals.eye.w);
 }
 
-// Lines: a capsule on the screen about each segment.
+// Lines: a capsule on the screen about each segment, with a dark rim that sets it off from whatever is behind.
+
+const CASING_PX = 1.3;
 
 struct Segment {
     @location(0) start: vec3f,
@@ -163,7 +165,7 @@ fn line_vertex(@builtin(vertex_index) vertex: u32, in: Segment) -> Stroke {
     let forward = select(vec2f(1.0, 0.0), (b_px - a_px) / length_px, length_px > 1e-4);
     let aside = vec2f(-forward.y, forward.x);
     let half_px = 0.5 * in.along.w;
-    let reach_px = half_px + 1.0;
+    let reach_px = half_px + CASING_PX + 1.0;
 
     let at_end = (vertex & 1u) == 1u;
     let side = select(-1.0, 1.0, vertex == 2u || vertex == 3u || vertex == 5u);
@@ -177,26 +179,30 @@ fn line_vertex(@builtin(vertex_index) vertex: u32, in: Segment) -> Stroke {
     return out;
 }
 
-fn stroke(in: Stroke, strength: f32) -> vec4f {
-    let beyond_px = in.capsule.x - clamp(in.capsule.x, 0.0, in.capsule.z);
-    let cover = clamp(in.capsule.w + 0.5 - length(vec2f(beyond_px, in.capsule.y)), 0.0, 1.0);
-    let gap = in.dash.y > 0.0 && fract(0.5 * in.dash.x / in.dash.y) > 0.5;
-    let alpha = in.color.a * cover * strength;
-    if alpha <= 0.0 || gap {
-        discard;
+/// How much of the pixel belongs to the line made wider by `rim_px`.
+fn cover(in: Stroke, rim_px: f32) -> f32 {
+    if in.dash.y > 0.0 && fract(0.5 * in.dash.x / in.dash.y) > 0.5 {
+        return 0.0;
     }
-    return vec4f(in.color.rgb, alpha);
+    let beyond_px = in.capsule.x - clamp(in.capsule.x, 0.0, in.capsule.z);
+    return clamp(in.capsule.w + 0.5 + rim_px - length(vec2f(beyond_px, in.capsule.y)), 0.0, 1.0);
 }
 
 @fragment
 fn line_fragment(in: Stroke) -> @location(0) vec4f {
-    return stroke(in, 1.0);
+    return vec4f(in.color.rgb, in.color.a * cover(in, 0.0));
+}
+
+/// Before all lines, so that the rim of a segment does not cross the one before it.
+@fragment
+fn casing_fragment(in: Stroke) -> @location(0) vec4f {
+    return vec4f(vec3f(0.05, 0.06, 0.08), 0.5 * in.color.a * cover(in, CASING_PX));
 }
 
 /// What of a line is behind something else is still there, faintly.
 @fragment
 fn hidden_line_fragment(in: Stroke) -> @location(0) vec4f {
-    return stroke(in, 0.28);
+    return vec4f(in.color.rgb, 0.28 * in.color.a * cover(in, 0.0));
 }
 
 // The ground: lines every `spacing` and stronger ones every ten, fading towards the rim.
