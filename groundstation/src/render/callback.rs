@@ -124,3 +124,106 @@ fn in_pixels(rect: Rect, pixels_per_point: f32) -> Rect {
     };
     Rect::from_min_max(round(rect.min), round(rect.max))
 }
+
+#[cfg(test)]
+mod tests {
+    use egui::vec2;
+    use egui_kittest::Harness;
+    use egui_kittest::wgpu::{WgpuTestRenderer, create_render_state, default_wgpu_setup};
+    use maps::frame::Point;
+    use maps::voxel::{LogOdds, Rgb, Voxel, VoxelKey, VoxelMap};
+
+    use super::*;
+
+    /// A red square of 4 m with its middle at the origin, seen from above from 10 m, which is 8.28 m of height.
+    fn red_square() -> Arc<Scene> {
+        let mut map = VoxelMap::new(0.1);
+        for x in -20..20 {
+            for y in -20..20 {
+                let color = Some(Rgb([248, 0, 0]));
+                map.set_voxel(
+                    VoxelKey { x, y, z: -1 },
+                    Voxel {
+                        log_odds: LogOdds(70),
+                        color,
+                    },
+                );
+            }
+        }
+        let mut scene = Scene::default();
+        scene.look.grid = false;
+        scene.update_map(&map, &map.tile_ids());
+        Arc::new(scene)
+    }
+
+    /// Whether the panel `rect` of a window of 200 x 100 points shows red at these positions.
+    fn reds<const N: usize>(rect: Rect, positions: [[u32; 2]; N]) -> [bool; N] {
+        let state = create_render_state(
+            default_wgpu_setup(),
+            egui_wgpu::RendererOptions::PREDICTABLE,
+        );
+        install(&state);
+        let scene = red_square();
+        let mut window = Harness::builder()
+            .with_size(vec2(200.0, 100.0))
+            .renderer(WgpuTestRenderer::from_render_state(state))
+            .build_ui(move |ui| {
+                let camera = Camera3::default().top_down();
+                ui.ctx()
+                    .debug_painter()
+                    .add(shape(rect, ViewId(0), Arc::clone(&scene), camera));
+            });
+        let image = window.render().expect("a picture");
+        positions.map(|[x, y]| {
+            let [r, g, b, _] = image.get_pixel(x, y).0;
+            r > 200 && g < 30 && b < 30
+        })
+    }
+
+    #[test]
+    fn a_panel_shows_the_scene_and_nothing_beside_it() {
+        let rect = Rect::from_min_size(pos2(100.0, 0.0), vec2(100.0, 100.0));
+        // The square covers the middle 48 points of the panel.
+        let shown = reds(rect, [[150, 50], [130, 30], [122, 50], [150, 78], [50, 50]]);
+        assert_eq!(shown, [true, true, false, false, false]);
+    }
+
+    #[test]
+    fn a_panel_that_is_partly_outside_the_window_keeps_its_proportions() {
+        let rect = Rect::from_min_size(pos2(-50.0, 0.0), vec2(100.0, 100.0));
+        let shown = reds(
+            rect,
+            [
+                [2, 50],
+                [22, 50],
+                [28, 50],
+                [2, 28],
+                [2, 22],
+                [2, 72],
+                [2, 78],
+            ],
+        );
+        assert_eq!(shown, [true, true, false, true, false, true, false]);
+    }
+
+    #[test]
+    fn a_panel_without_room_is_no_trouble() {
+        let rect = Rect::from_min_size(pos2(20.0, 20.0), vec2(0.0, 40.0));
+        assert_eq!(reds(rect, [[20, 30]]), [false]);
+    }
+
+    #[test]
+    fn pixels_and_positions_are_each_others_inverse() {
+        let rect = Rect::from_min_size(pos2(30.0, 40.0), vec2(320.0, 240.0));
+        let position = pos2(100.0, 90.0);
+        assert_eq!(position_of(rect, pixel_at(rect, position)), position);
+        let camera = Camera3::default();
+        let pixel = camera
+            .project(Point::origin(), viewport_of(rect))
+            .expect("in view");
+        assert!(
+            (position_of(rect, pixel) - rect.center()).length() < 1e-3,
+            "the target is in the middle"
+        );
+    }
+}

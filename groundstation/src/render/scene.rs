@@ -9,6 +9,7 @@ use std::sync::Arc;
 
 use maps::frame::{Body, Isometry, Point, World};
 use maps::tile::TileId;
+use maps::traversability::{Cell, Traversability};
 use maps::voxel::VoxelMap;
 
 use super::mesh::{self, EDGE, TileMesh};
@@ -155,6 +156,41 @@ pub struct Overlay {
     pub cell_m: f64,
     /// The squares. Those of one row and one colour are drawn at once if they follow one another from west to east.
     pub cells: Vec<GroundCell>,
+}
+
+impl Overlay {
+    /// Where `grid`'s vehicle can drive: teal where that is easy, brown where it is hard, orange where it must not be.
+    /// A blocked cell has no height of its own and takes that of the drivable one before it in its row.
+    pub fn of(grid: &Traversability) -> Self {
+        const EASY: [f64; 3] = [48.0, 200.0, 184.0];
+        const HARD: [f64; 3] = [150.0, 110.0, 60.0];
+        const BLOCKED: Rgba = [232, 130, 40, 84];
+        const SHADES: f64 = 8.0;
+        let mut ground_m = 0.0;
+        let cells = grid.cells().filter_map(|(index, cell)| {
+            let color = match cell {
+                Cell::Unknown => return None,
+                Cell::Blocked => BLOCKED,
+                Cell::Drivable { height_m, cost } => {
+                    ground_m = height_m;
+                    // Few shades, so that neighbours share one.
+                    let hardness = (SHADES * cost / (1.0 + cost)).round() / SHADES;
+                    let [r, g, b] =
+                        std::array::from_fn(|i| EASY[i] + hardness * (HARD[i] - EASY[i]));
+                    [r as u8, g as u8, b as u8, 64]
+                }
+            };
+            let [x, y] = grid.center_of(index);
+            Some(GroundCell {
+                center: Point::new(x, y, ground_m),
+                color,
+            })
+        });
+        Self {
+            cell_m: grid.resolution_m(),
+            cells: cells.collect(),
+        }
+    }
 }
 
 /// A text in the picture, for the user interface to write.
@@ -462,6 +498,27 @@ mod tests {
         scene.look.heights_m = Some([-1.0, 2.0]);
         let [low, high] = scene.heights_m();
         assert!((low + 1.0).abs() < 1e-9 && (high - 2.0).abs() < 1e-9);
+    }
+
+    #[test]
+    fn an_overlay_has_a_cell_for_each_that_is_known_at_the_height_of_the_ground() {
+        let easy = Cell::Drivable {
+            height_m: 0.3,
+            cost: 0.0,
+        };
+        let hard = Cell::Drivable {
+            height_m: 0.3,
+            cost: 9.0,
+        };
+        let cells = vec![easy, Cell::Blocked, Cell::Unknown, hard];
+        let grid = Traversability::from_cells([1.0, 2.0], 0.5, 2, cells).expect("two rows of two");
+        let overlay = Overlay::of(&grid);
+        let centers: Vec<_> = overlay.cells.iter().map(|cell| cell.center).collect();
+        let expected =
+            [[1.25, 2.25], [1.75, 2.25], [1.75, 2.75]].map(|[x, y]| Point::new(x, y, 0.3));
+        assert_eq!(centers, expected);
+        let colors: BTreeSet<_> = overlay.cells.iter().map(|cell| cell.color).collect();
+        assert_eq!(colors.len(), 3);
     }
 
     proptest! {
