@@ -1,0 +1,252 @@
+//! What a stereo depth camera makes of a true picture: noise, holes, shadows and frayed edges.
+//!
+//! Depth is measured as disparity `d = f·b/z`, so that an error of `σ_d` pixels grows with range squared:
+//!
+//! ```text
+//! σ_z = z² · σ_d / (f·b)
+//! ```
+//!
+//! with `b` = 95 mm and `σ_d` ≈ 0.08 pixels for a `RealSense` D455, 2 mm at 1 m and 3.5 cm at 4 m. The right imager does
+//! not see what lies just left of a near edge: a hole as wide as the jump in disparity. Matching windows fray edges.
+//! All noise is a function of seed, moment and pixel.
+//!
+//! - A. Grunnet-Jepsen et al., *Best-Known-Methods for Tuning Intel RealSense D400 Depth Cameras*, 2018 (RMS error).
+//! - K. Khoshelham and S. Oude Elberink, *Accuracy and Resolution of Kinect Depth Data*, Sensors 12(2), 2012, Eq. (10).
+
+use maps::camera::{Pinhole, RgbdFrame};
+use rayon::prelude::*;
+
+use crate::noise::{at_cell, lerp, mix, normal, unit, value};
+use crate::render::Picture;
+
+const BASELINE_M: f32 = 0.095;
+/// One standard deviation of the disparity, in pixels.
+const DISPARITY_NOISE: f32 = 0.08;
+/// Nearest and farthest depth that is reported, in metres.
+const RANGE_M: [f32; 2] = [0.4, 6.0];
+/// Neighbouring pixels share part of the noise: the matching window is about this many pixels wide.
+const WINDOW: f32 = 5.0;
+/// Beyond this angle to the surface (its cosine) there is no match.
+const GRAZING: f32 = 0.08;
+/// Standard deviation of each colour channel, in grey levels.
+const COLOUR_NOISE: f32 = 1.5;
+
+/// A D455 in its 640 x 480 mode: 79 degrees wide, without lens distortion.
+pub fn d455() -> Pinhole {
+    Pinhole {
+        width: 640,
+        height: 480,
+        fx: 386.0,
+        fy: 386.0,
+        cx: 319.5,
+        cy: 239.5,
+        distortion: [0.0; 5],
+    }
+}
+
+/// What the camera delivers of what there is to be seen.
+pub fn expose(picture: &Picture, camera: &Pinhole, seed: u64) -> RgbdFrame {
+    let moment = picture.at.as_nanos() ^ seed.rotate_left(32) ^ seed;
+    let sensor = Sensor {
+        picture,
+        focal_baseline: camera.fx as f32 * BASELINE_M,
+        seed: mix(mix(moment as u32) ^ (moment >> 32) as u32),
+    };
+    let pixels = picture.width * picture.height;
+    let depth_m = (0..pixels)
+        .into_par_iter()
+        .map(|i| sensor.depth_m(i))
+        .collect();
+    let rgb = (0..pixels)
+        .into_par_iter()
+        .map(|i| sensor.colour(i))
+        .collect();
+    RgbdFrame {
+        at: picture.at,
+        width: picture.width,
+        height: picture.height,
+        rgb,
+        depth_m,
+    }
+}
+
+struct Sensor<'a> {
+    picture: &'a Picture,
+    /// Disparity in pixels times depth in metres.
+    focal_baseline: f32,
+    seed: u32,
+}
+
+impl Sensor<'_> {
+    fn random(&self, i: usize, what: u32) -> u32 {
+        at_cell(i as i32, 0, self.seed ^ mix(what))
+    }
+
+    fn true_depth(&self, x: i64, y: i64) -> f32 {
+        let x = x.clamp(0, self.picture.width as i64 - 1) as usize;
+        let y = y.clamp(0, self.picture.height as i64 - 1) as usize;
+        self.picture.depth_m[y * self.picture.width + x]
+    }
+
+    fn colour(&self, i: usize) -> [u8; 3] {
+        let mut channel = 20;
+        self.picture.rgb[i].map(|level| {
+            channel += 1;
+            let noisy = f32::from(level) + COLOUR_NOISE * normal(self.random(i, channel));
+            noisy.round().clamp(0.0, 255.0) as u8
+        })
+    }
+
+    /// In whole millimetres, as the camera reports it; 0 where it reports nothing.
+    fn depth_m(&self, i: usize) -> f32 {
+        let (x, y) = (
+            (i % self.picture.width) as i64,
+            (i / self.picture.width) as i64,
+        );
+        let seen = self.frayed(i, x, y);
+        if seen <= 0.0 || self.is_hole(i, seen) || self.is_shadowed(x, y, seen) {
+            return 0.0;
+        }
+        let window =
+            |what| normal_field(x as f32 / WINDOW, y as f32 / WINDOW, self.seed ^ mix(what));
+        let noise = DISPARITY_NOISE * (0.8 * window(3) + 0.6 * normal(self.random(i, 4)));
+        let measured = self.focal_baseline / (self.focal_baseline / seen + noise);
+        if !(RANGE_M[0]..=RANGE_M[1]).contains(&measured) {
+            return 0.0;
+        }
+        (measured * 1000.0).round() / 1000.0
+    }
+
+    /// The depth that the matching window takes for this pixel's: near an edge, perhaps a neighbour's or a mixture.
+    fn frayed(&self, i: usize, x: i64, y: i64) -> f32 {
+        let wobble =
+            |what| (value(x as f32 / 3.0, y as f32 / 3.0, self.seed ^ mix(what)) - 0.5) * 5.0;
+        let here = self.true_depth(x, y);
+        let there = self.true_depth(x + wobble(1).round() as i64, y + wobble(2).round() as i64);
+        let jump = (here - there).abs() > 0.05 * here.max(there);
+        if jump && here > 0.0 && there > 0.0 && self.random(i, 5).is_multiple_of(6) {
+            // A flying pixel between foreground and background.
+            return lerp(here, there, unit(self.random(i, 6)));
+        }
+        there
+    }
+
+    /// No match: too slanted, or too little light from afar.
+    fn is_hole(&self, i: usize, depth_m: f32) -> bool {
+        let (x, y) = (
+            (i % self.picture.width) as f32,
+            (i / self.picture.width) as f32,
+        );
+        let patch = value(x / 9.0, y / 9.0, self.seed ^ mix(7));
+        let lost = 0.05 + 0.09 * (depth_m / RANGE_M[1]).powi(2);
+        self.picture.facing[i] < GRAZING || patch < lost || unit(self.random(i, 8)) < 0.004
+    }
+
+    /// Hidden from the right imager by something nearer to the right of it.
+    fn is_shadowed(&self, x: i64, y: i64, depth_m: f32) -> bool {
+        let disparity = self.focal_baseline / depth_m;
+        let farthest = (self.focal_baseline / RANGE_M[0] - disparity)
+            .max(0.0)
+            .min(40.0) as i64;
+        (1..=farthest).any(|step| {
+            let near = self.true_depth(x + step, y);
+            near > 0.0 && self.focal_baseline / near - disparity > step as f32 + 1.0
+        })
+    }
+}
+
+/// Smooth noise of about unit variance.
+fn normal_field(x: f32, y: f32, seed: u32) -> f32 {
+    // The mean of a lattice blend is 1/2; its standard deviation about 0.21 on average over a cell.
+    (value(x, y, seed) - 0.5) / 0.21
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::scene::Instance;
+    use maps::time::Stamp;
+
+    fn wall(depth_m: f32) -> Picture {
+        let pixels = 640 * 480;
+        Picture {
+            at: Stamp::from_nanos(1),
+            width: 640,
+            height: 480,
+            rgb: vec![[100; 3]; pixels],
+            depth_m: vec![depth_m; pixels],
+            facing: vec![1.0; pixels],
+            instance: vec![Instance(2); pixels],
+        }
+    }
+
+    fn measured(depth_m: f32) -> Vec<f64> {
+        let frame = expose(&wall(depth_m), &d455(), 1);
+        frame
+            .depth_m
+            .iter()
+            .filter(|&&z| z > 0.0)
+            .map(|&z| f64::from(z))
+            .collect()
+    }
+
+    #[test]
+    fn noise_grows_with_range_squared() {
+        let spread = |depth_m: f32| {
+            let seen = measured(depth_m);
+            let mean = seen.iter().sum::<f64>() / seen.len() as f64;
+            assert!(
+                (mean - f64::from(depth_m)).abs() < 0.01,
+                "mean {mean} at {depth_m} m"
+            );
+            (seen.iter().map(|z| (z - mean).powi(2)).sum::<f64>() / seen.len() as f64).sqrt()
+        };
+        let [at_1, at_4] = [1.0, 4.0].map(spread);
+        assert!((0.0015..0.003).contains(&at_1), "{at_1} m at 1 m");
+        assert!(
+            (13.0..19.0).contains(&(at_4 / at_1)),
+            "{at_4} m at 4 m, {at_1} m at 1 m"
+        );
+    }
+
+    #[test]
+    fn most_of_a_wall_is_measured_and_nothing_beyond_the_range() {
+        let share = measured(3.0).len() as f64 / (640.0 * 480.0);
+        assert!((0.85..0.995).contains(&share), "{share}");
+        assert!(measured(8.0).is_empty());
+        assert!(measured(0.2).is_empty());
+    }
+
+    #[test]
+    fn a_near_edge_hides_what_is_left_of_it() {
+        let mut picture = wall(4.0);
+        for (i, depth) in picture.depth_m.iter_mut().enumerate() {
+            if i % 640 >= 320 {
+                *depth = 1.0;
+            }
+        }
+        let frame = expose(&picture, &d455(), 1);
+        let seen = |columns: std::ops::Range<usize>| {
+            let all =
+                (0..480).flat_map(|row| columns.clone().map(move |column| row * 640 + column));
+            all.clone().filter(|&i| frame.depth_m[i] > 0.0).count() as f64 / all.count() as f64
+        };
+        // f·b·(1/1 - 1/4) = 27 pixels.
+        assert!(seen(300..315) < 0.05, "in the shadow");
+        assert!(seen(240..285) > 0.8, "left of the shadow");
+        assert!(seen(330..400) > 0.8, "on the near side");
+    }
+
+    #[test]
+    fn the_same_seed_and_moment_give_the_same_noise_and_others_do_not() {
+        let picture = wall(2.0);
+        let frame = expose(&picture, &d455(), 1);
+        assert!(frame == expose(&picture, &d455(), 1));
+        assert!(frame != expose(&picture, &d455(), 2));
+        let later = Picture {
+            at: Stamp::from_nanos(2),
+            ..picture
+        };
+        assert!(frame.depth_m != expose(&later, &d455(), 1).depth_m);
+    }
+}

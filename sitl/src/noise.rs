@@ -1,0 +1,102 @@
+//! Randomness without state: the same place and seed give the same number on any thread, in any order.
+//!
+//! Textures and sensor noise are functions of integer coordinates, mixed by a 32-bit integer hash with low bias, so
+//! that a picture does not depend on which thread drew which row.
+//!
+//! - C. Wellons, *Prospecting for Hash Functions*, 2018 (`lowbias32`).
+//! - K. Perlin, *An Image Synthesizer*, SIGGRAPH 1985: lattice noise and its sum over octaves.
+
+/// Mixes a number so that every bit of the result depends on every bit of it.
+pub fn mix(mut x: u32) -> u32 {
+    x ^= x >> 16;
+    x = x.wrapping_mul(0x7feb_352d);
+    x ^= x >> 15;
+    x = x.wrapping_mul(0x846c_a68b);
+    x ^ (x >> 16)
+}
+
+/// A number that belongs to a lattice point.
+pub fn at_cell(x: i32, y: i32, seed: u32) -> u32 {
+    mix(mix(mix(seed ^ 0x9e37_79b9).wrapping_add(x.cast_unsigned()))
+        .wrapping_add(y.cast_unsigned()))
+}
+
+/// A hash as a number in `0.0..1.0`.
+pub fn unit(hash: u32) -> f32 {
+    (hash >> 8) as f32 * (1.0 / 16_777_216.0)
+}
+
+/// A hash as a number of zero mean and unit variance, nearly normal: the sum of its four bytes.
+pub fn normal(hash: u32) -> f32 {
+    let sum: u32 = hash.to_le_bytes().iter().map(|&b| u32::from(b)).sum();
+    // Four uniform bytes: mean 510, variance 4·(256² - 1)/12 = 147.8².
+    (sum as f32 - 510.0) / 147.8
+}
+
+/// Smooth lattice noise in `0.0..1.0`, wavelength about 2.
+pub fn value(x: f32, y: f32, seed: u32) -> f32 {
+    let (x0, y0) = (x.floor(), y.floor());
+    let (i, j) = (x0 as i32, y0 as i32);
+    let (u, v) = (fade(x - x0), fade(y - y0));
+    let corner = |di: i32, dj: i32| unit(at_cell(i.wrapping_add(di), j.wrapping_add(dj), seed));
+    let low = lerp(corner(0, 0), corner(1, 0), u);
+    let high = lerp(corner(0, 1), corner(1, 1), u);
+    lerp(low, high, v)
+}
+
+/// A sum of [`value`] noise over octaves, in about `-1.0..1.0`; octaves finer than `footprint` (the size of a pixel in
+/// the units of `x` and `y`) are left out, as a lens would.
+pub fn octaves(x: f32, y: f32, count: u32, footprint: f32, seed: u32) -> f32 {
+    let (mut sum, mut amplitude, mut frequency) = (0.0, 0.5, 1.0);
+    for octave in 0..count {
+        let visible = visible(1.0 / frequency, footprint);
+        if visible <= 0.0 {
+            break;
+        }
+        let sample = value(x * frequency, y * frequency, seed.wrapping_add(octave));
+        sum += amplitude * visible * (2.0 * sample - 1.0);
+        amplitude *= 0.6;
+        frequency *= 2.17;
+    }
+    sum
+}
+
+/// How much contrast of a detail of this size is left when a pixel covers `footprint`: 1 if it spans several pixels,
+/// 0 if it is smaller than one.
+pub fn visible(detail: f32, footprint: f32) -> f32 {
+    (detail / footprint - 1.0).clamp(0.0, 1.0)
+}
+
+/// `from` at 0, `to` at 1.
+pub fn lerp(from: f32, to: f32, share: f32) -> f32 {
+    from + (to - from) * share
+}
+
+fn fade(t: f32) -> f32 {
+    t * t * (3.0 - 2.0 * t)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn normal_noise_has_zero_mean_and_unit_variance() {
+        let count = 100_000;
+        let samples = (0..count).map(|i| f64::from(normal(at_cell(i, 7, 1))));
+        let (sum, squares) = samples.fold((0.0, 0.0), |(s, q), x| (s + x, q + x * x));
+        let (mean, variance) = (sum / f64::from(count), squares / f64::from(count));
+        // Three standard errors of 100,000 samples.
+        assert!(mean.abs() < 0.0095, "mean {mean}");
+        assert!((variance - 1.0).abs() < 0.0134, "variance {variance}");
+    }
+
+    #[test]
+    fn noise_is_continuous_across_its_lattice() {
+        for i in -5..5 {
+            let x = i as f32;
+            let step = (value(x - 1e-4, 0.3, 3) - value(x + 1e-4, 0.3, 3)).abs();
+            assert!(step < 1e-3, "a step of {step} at {x}");
+        }
+    }
+}
