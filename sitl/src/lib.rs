@@ -7,3 +7,5 @@ pub mod flight;
 pub mod noise;
 pub mod render;
 pub mod scene;
+pub mod vehicle;
+pub mod wgs84;
