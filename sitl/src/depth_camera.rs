@@ -10,7 +10,7 @@
 //! not see what lies just left of a near edge: a hole as wide as the jump in disparity. Matching windows fray edges.
 //! All noise is a function of seed, moment and pixel.
 //!
-//! - A. Grunnet-Jepsen et al., *Best-Known-Methods for Tuning Intel RealSense D400 Depth Cameras*, 2018 (RMS error).
+//! - A. Grunnet-Jepsen et al., *Best-Known-Methods for Tuning Intel `RealSense` D400 Depth Cameras*, 2018 (RMS error).
 //! - K. Khoshelham and S. Oude Elberink, *Accuracy and Resolution of Kinect Depth Data*, Sensors 12(2), 2012, Eq. (10).
 
 use maps::camera::{Pinhole, RgbdFrame};
@@ -79,12 +79,12 @@ struct Sensor<'a> {
 
 impl Sensor<'_> {
     fn random(&self, i: usize, what: u32) -> u32 {
-        at_cell(i as i32, 0, self.seed ^ mix(what))
+        at_cell(signed(i), 0, self.seed ^ mix(what))
     }
 
-    fn true_depth(&self, x: i64, y: i64) -> f32 {
-        let x = x.clamp(0, self.picture.width as i64 - 1) as usize;
-        let y = y.clamp(0, self.picture.height as i64 - 1) as usize;
+    fn true_depth(&self, x: i32, y: i32) -> f32 {
+        let x = x.clamp(0, signed(self.picture.width) - 1) as usize;
+        let y = y.clamp(0, signed(self.picture.height) - 1) as usize;
         self.picture.depth_m[y * self.picture.width + x]
     }
 
@@ -100,8 +100,8 @@ impl Sensor<'_> {
     /// In whole millimetres, as the camera reports it; 0 where it reports nothing.
     fn depth_m(&self, i: usize) -> f32 {
         let (x, y) = (
-            (i % self.picture.width) as i64,
-            (i / self.picture.width) as i64,
+            signed(i % self.picture.width),
+            signed(i / self.picture.width),
         );
         let seen = self.frayed(i, x, y);
         if seen <= 0.0 || self.is_hole(i, seen) || self.is_shadowed(x, y, seen) {
@@ -118,11 +118,11 @@ impl Sensor<'_> {
     }
 
     /// The depth that the matching window takes for this pixel's: near an edge, perhaps a neighbour's or a mixture.
-    fn frayed(&self, i: usize, x: i64, y: i64) -> f32 {
+    fn frayed(&self, i: usize, x: i32, y: i32) -> f32 {
         let wobble =
             |what| (value(x as f32 / 3.0, y as f32 / 3.0, self.seed ^ mix(what)) - 0.5) * 5.0;
         let here = self.true_depth(x, y);
-        let there = self.true_depth(x + wobble(1).round() as i64, y + wobble(2).round() as i64);
+        let there = self.true_depth(x + wobble(1).round() as i32, y + wobble(2).round() as i32);
         let jump = (here - there).abs() > 0.05 * here.max(there);
         if jump && here > 0.0 && there > 0.0 && self.random(i, 5).is_multiple_of(6) {
             // A flying pixel between foreground and background.
@@ -143,16 +143,19 @@ impl Sensor<'_> {
     }
 
     /// Hidden from the right imager by something nearer to the right of it.
-    fn is_shadowed(&self, x: i64, y: i64, depth_m: f32) -> bool {
+    fn is_shadowed(&self, x: i32, y: i32, depth_m: f32) -> bool {
         let disparity = self.focal_baseline / depth_m;
-        let farthest = (self.focal_baseline / RANGE_M[0] - disparity)
-            .max(0.0)
-            .min(40.0) as i64;
+        let farthest = (self.focal_baseline / RANGE_M[0] - disparity).clamp(0.0, 40.0) as i32;
         (1..=farthest).any(|step| {
             let near = self.true_depth(x + step, y);
             near > 0.0 && self.focal_baseline / near - disparity > step as f32 + 1.0
         })
     }
+}
+
+/// An index or size as a coordinate. No picture has two billion pixels.
+fn signed(n: usize) -> i32 {
+    i32::try_from(n).unwrap_or(i32::MAX)
 }
 
 /// Smooth noise of about unit variance.

@@ -1,0 +1,227 @@
+//! Parameters: named numbers that a ground station reads and sets, each of which changes how the vehicle behaves.
+//!
+//! As on `ArduPilot`, every value travels as a float whatever its type says (`MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST`),
+//! and names and units are `ArduPilot`'s where it has such a parameter.
+
+use mavlink_ext::Message;
+use mavlink_ext::dialect::char_array;
+use mavlink_ext::dialect::tandem::{MavParamType, PARAM_VALUE_DATA};
+
+use super::mode::Kind;
+
+macro_rules! parameters {
+    ($($(#[$doc:meta])* $variant:ident = $name:literal, $kind:expr, $default:literal, $low:literal..=$high:literal;)*) => {
+        /// The parameters.
+        #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+        pub enum Parameter {
+            $($(#[$doc])* $variant,)*
+        }
+
+        const TABLE: &[Row] = &[$(Row {
+            parameter: Parameter::$variant,
+            name: $name,
+            kind: $kind,
+            default: $default,
+            range: ($low, $high),
+        },)*];
+    };
+}
+
+#[derive(Debug)]
+struct Row {
+    parameter: Parameter,
+    name: &'static str,
+    /// Only this kind of vehicle has it.
+    kind: Option<Kind>,
+    default: f32,
+    range: (f32, f32),
+}
+
+parameters! {
+    /// Largest tilt of a copter, in hundredths of a degree.
+    AngleMax = "ANGLE_MAX", Some(Kind::Copter), 3000.0, 1000.0..=4500.0;
+    /// 1: arming is refused while a check fails; 0: no checks.
+    ArmingCheck = "ARMING_CHECK", None, 1.0, 0.0..=1.0;
+    /// Steady gain of speed of a rover, m/s².
+    Acceleration = "ATC_ACCEL_MAX", Some(Kind::Rover), 0.6, 0.1..=5.0;
+    /// Loss of speed of a rover, m/s².
+    Braking = "ATC_DECEL_MAX", Some(Kind::Rover), 0.5, 0.1..=5.0;
+    /// Charge of a full battery, mAh.
+    BatteryCapacity = "BATT_CAPACITY", None, 5200.0, 100.0..=100_000.0;
+    /// What a low battery does: 0 warns, 1 lands (a rover holds), 2 returns.
+    BatteryAction = "BATT_FS_LOW_ACT", None, 0.0, 0.0..=2.0;
+    /// Charge below which the battery is low, mAh. Below it a vehicle does not arm.
+    BatteryLow = "BATT_LOW_MAH", None, 700.0, 0.0..=100_000.0;
+    /// Speed of a rover where nothing else is said, m/s.
+    CruiseSpeed = "CRUISE_SPEED", Some(Kind::Rover), 0.5, 0.05..=1.5;
+    /// A copter disarms this long after it stands on the ground without wanting to fly, s; 0 never.
+    DisarmDelay = "DISARM_DELAY", Some(Kind::Copter), 10.0, 0.0..=127.0;
+    /// What silence of the ground station does: 0 goes on and warns, 1 returns, 2 lands (a rover holds).
+    GroundStationAction = "FS_GCS_ENABLE", None, 0.0, 0.0..=2.0;
+    /// How long the ground station may be silent, s.
+    GroundStationTimeout = "FS_GCS_TIMEOUT", None, 5.0, 2.0..=120.0;
+    /// How fast a copter comes down to land, cm/s.
+    LandSpeed = "LAND_SPEED", Some(Kind::Copter), 40.0, 20.0..=200.0;
+    /// How far ahead on its path a rover steers, m.
+    LookAhead = "PP_LOOKAHEAD", Some(Kind::Rover), 0.3, 0.1..=5.0;
+    /// Height above home at which a copter returns, cm; it never descends to return.
+    ReturnHeight = "RTL_ALT", Some(Kind::Copter), 200.0, 50.0..=30_000.0;
+    /// 1: the receiver has no fix, a test of what depends on one.
+    GpsDisable = "SIM_GPS_DISABLE", None, 0.0, 0.0..=1.0;
+    /// Where the wind comes from, degrees from north.
+    WindDirection = "SIM_WIND_DIR", Some(Kind::Copter), 270.0, 0.0..=360.0;
+    /// Mean wind, m/s.
+    WindSpeed = "SIM_WIND_SPD", Some(Kind::Copter), 0.5, 0.0..=20.0;
+    /// Standard deviation of the gusts along each axis, m/s.
+    WindGusts = "SIM_WIND_TURB", Some(Kind::Copter), 0.2, 0.0..=10.0;
+    /// Rate of `ATTITUDE` where nobody has asked for another, Hz.
+    AttitudeRate = "SR0_EXTRA1", None, 10.0, 0.0..=50.0;
+    /// Rate of `VFR_HUD`, Hz.
+    HudRate = "SR0_EXTRA2", None, 4.0, 0.0..=50.0;
+    /// Rate of battery and time, Hz.
+    SlowRate = "SR0_EXTRA3", None, 1.0, 0.0..=50.0;
+    /// Rate of status, fix and mission progress, Hz.
+    StatusRate = "SR0_EXT_STAT", None, 2.0, 0.0..=50.0;
+    /// Rate of positions, Hz.
+    PositionRate = "SR0_POSITION", None, 5.0, 0.0..=50.0;
+    /// Tightest turn that a rover is steered to, m; its chassis may allow less.
+    TurnRadius = "TURN_RADIUS", Some(Kind::Rover), 0.45, 0.45..=10.0;
+    /// How near a waypoint a copter has to come, cm.
+    CopterWaypointRadius = "WPNAV_RADIUS", Some(Kind::Copter), 20.0, 5.0..=1000.0;
+    /// Speed of a copter between waypoints, cm/s.
+    CopterSpeed = "WPNAV_SPEED", Some(Kind::Copter), 100.0, 10.0..=1000.0;
+    /// How fast it comes down between waypoints, cm/s.
+    CopterSpeedDown = "WPNAV_SPEED_DN", Some(Kind::Copter), 80.0, 10.0..=300.0;
+    /// How fast it climbs, cm/s.
+    CopterSpeedUp = "WPNAV_SPEED_UP", Some(Kind::Copter), 100.0, 10.0..=300.0;
+    /// How near a waypoint in the middle of its path a rover has to come, m.
+    RoverWaypointRadius = "WP_RADIUS", Some(Kind::Rover), 0.1, 0.02..=10.0;
+}
+
+/// The parameters of one vehicle.
+#[derive(Clone, Debug)]
+pub struct Parameters {
+    rows: Vec<(&'static Row, f32)>,
+    /// The next one to be sent of a list that was asked for.
+    listing: Option<usize>,
+}
+
+impl Parameters {
+    /// All of that kind of vehicle, at their defaults, in alphabetical order.
+    pub fn new(kind: Kind) -> Self {
+        let rows = TABLE
+            .iter()
+            .filter(|row| row.kind.is_none_or(|only| only == kind));
+        let mut rows: Vec<_> = rows.map(|row| (row, row.default)).collect();
+        rows.sort_by_key(|(row, _)| row.name);
+        Self {
+            rows,
+            listing: None,
+        }
+    }
+
+    /// A value; the default of a parameter that this kind of vehicle does not have.
+    pub fn get(&self, parameter: Parameter) -> f64 {
+        let here = self.rows.iter().find(|(row, _)| row.parameter == parameter);
+        let value = here.map_or_else(
+            || {
+                TABLE
+                    .iter()
+                    .find(|row| row.parameter == parameter)
+                    .map_or(0.0, |row| row.default)
+            },
+            |&(_, value)| value,
+        );
+        f64::from(value)
+    }
+
+    /// Whether a parameter that is a switch is on.
+    pub fn is_on(&self, parameter: Parameter) -> bool {
+        self.get(parameter) > 0.5
+    }
+
+    /// Sets a value, within its range; returns where it is in the list, `None` without such a parameter. What is not a
+    /// number changes nothing.
+    pub fn set(&mut self, name: &str, value: f32) -> Option<usize> {
+        let index = self.rows.iter().position(|(row, _)| row.name == name)?;
+        let (row, current) = &mut self.rows[index];
+        if value.is_finite() {
+            *current = value.clamp(row.range.0, row.range.1);
+        }
+        Some(index)
+    }
+
+    /// Where a parameter is in the list.
+    pub fn index_of(&self, name: &str) -> Option<usize> {
+        self.rows.iter().position(|(row, _)| row.name == name)
+    }
+
+    /// Starts to send all of them, some at each [`Self::next_listed`].
+    pub fn list(&mut self) {
+        self.listing = Some(0);
+    }
+
+    /// The next messages of the list that was asked for.
+    pub fn next_listed(&mut self, count: usize) -> Vec<Message> {
+        let Some(from) = self.listing else {
+            return Vec::new();
+        };
+        let to = (from + count).min(self.rows.len());
+        self.listing = (to < self.rows.len()).then_some(to);
+        (from..to).filter_map(|index| self.message(index)).collect()
+    }
+
+    /// `PARAM_VALUE` of that one.
+    pub fn message(&self, index: usize) -> Option<Message> {
+        let (row, value) = self.rows.get(index)?;
+        Some(Message::PARAM_VALUE(PARAM_VALUE_DATA {
+            param_value: *value,
+            param_count: self.rows.len() as u16,
+            param_index: index as u16,
+            param_id: char_array(row.name),
+            param_type: MavParamType::MAV_PARAM_TYPE_REAL32,
+        }))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_list_has_every_parameter_once_and_then_ends() {
+        let mut parameters = Parameters::new(Kind::Rover);
+        parameters.list();
+        let mut names = Vec::new();
+        loop {
+            let messages = parameters.next_listed(4);
+            if messages.is_empty() {
+                break;
+            }
+            for message in messages {
+                let Message::PARAM_VALUE(value) = message else {
+                    panic!("{message:?}");
+                };
+                assert_eq!(usize::from(value.param_index), names.len());
+                names.push(value.param_id.to_str().unwrap_or_default().to_owned());
+            }
+        }
+        assert_eq!(names.len(), parameters.rows.len());
+        assert!(names.is_sorted() && names.contains(&"WP_RADIUS".to_owned()));
+        assert!(!names.contains(&"WPNAV_SPEED".to_owned()), "a copter's");
+        assert!(
+            names.iter().all(|name| name.len() <= 16),
+            "longer names do not fit the wire"
+        );
+    }
+
+    #[test]
+    fn values_stay_within_their_range_and_nonsense_changes_nothing() {
+        let mut parameters = Parameters::new(Kind::Rover);
+        assert!(parameters.set("WP_RADIUS", 99.0).is_some());
+        assert!((parameters.get(Parameter::RoverWaypointRadius) - 10.0).abs() < 1e-9);
+        assert!(parameters.set("WP_RADIUS", f32::NAN).is_some());
+        assert!((parameters.get(Parameter::RoverWaypointRadius) - 10.0).abs() < 1e-9);
+        assert_eq!(parameters.set("NO_SUCH", 1.0), None);
+    }
+}
