@@ -9,6 +9,7 @@
 //! truth has a velocity at any time.
 
 use std::f64::consts::{PI, TAU};
+use std::time::Duration;
 
 use maps::frame::{Body, Camera, Isometry, World};
 use maps::time::Stamp;
@@ -17,8 +18,8 @@ use nalgebra::{Isometry3, Rotation3, UnitQuaternion, Vector3};
 use crate::noise::{at_cell, unit};
 use crate::scene::ROOM_CENTRE;
 
-/// Seconds for one round.
-const LAP_S: f64 = 36.0;
+/// One round, at speed.
+pub const LAP: Duration = Duration::from_secs(36);
 /// It gets under way over these seconds.
 const START_S: f64 = 2.0;
 const RADII: [f64; 2] = [1.3, 1.0];
@@ -70,13 +71,11 @@ fn lap(t: f64) -> f64 {
     let s = (t / START_S).min(1.0);
     // The integral of 3s² - 2s³ is s³ - s⁴/2.
     let rising = START_S * (s.powi(3) - s.powi(4) / 2.0);
-    (rising + (t - START_S).max(0.0)) / LAP_S
+    (rising + (t - START_S).max(0.0)) / LAP.as_secs_f64()
 }
 
 #[cfg(test)]
 mod tests {
-    use std::time::Duration;
-
     use super::*;
     use maps::frame::Vector;
 

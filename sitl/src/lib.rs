@@ -1,8 +1,10 @@
 //! A simulated world: scene, cameras, vehicles and their autopilots.
 //!
+//! - [`scene`], [`render`], [`depth_camera`], [`flight`], [`record`]: a room with people in it, seen by an RGB-D camera
 //!   on a drone, with exact truth.
 //! - [`vehicle`]: how a quadrotor and a small car move, and what their sensors say.
 //! - [`autopilot`]: flies and drives them, and talks MAVLink like `ArduPilot`.
+//! - [`simulation`], [`run`], [`report`]: all of it together.
 //!
 //! Of the maps it uses only frames, time and the camera: truth shares no code with estimates.
 
@@ -10,7 +12,11 @@ pub mod autopilot;
 pub mod depth_camera;
 pub mod flight;
 pub mod noise;
+pub mod record;
 pub mod render;
+pub mod report;
+pub mod run;
 pub mod scene;
+pub mod simulation;
 pub mod vehicle;
 pub mod wgs84;

@@ -1,0 +1,139 @@
+//! The simulator's command line: a clock, the signals, and [`sitl::run`].
+
+use std::path::PathBuf;
+use std::sync::mpsc::{SyncSender, sync_channel};
+use std::thread;
+use std::time::{Duration, Instant};
+
+use anyhow::Context as _;
+use clap::{Args, Parser, Subcommand};
+use maps::time::Stamp;
+use sitl::run::{QUEUE, Settings, run};
+use sitl::scene::Name;
+use sitl::simulation::{Event, STEP, Start};
+use sitl::wgs84::Origin;
+use tracing_subscriber::EnvFilter;
+
+/// A simulated world: a room that is filmed, a copter and a rover with their autopilots.
+#[derive(Parser)]
+#[command(version)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Runs vehicles in real time where they have links, and records as fast as it can.
+    Run(RunArgs),
+}
+
+#[derive(Args)]
+struct RunArgs {
+    /// The scene.
+    #[arg(long, value_enum, default_value = "room")]
+    scene: Name,
+    /// Seed of the scene, the wind and all noise.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Records what the drone's camera sees, with the truth, as ROS 2 messages in an MCAP file (23 MB a second).
+    #[arg(long, value_name = "FILE")]
+    record: Option<PathBuf>,
+    /// Says only warnings and errors on the terminal.
+    #[arg(long)]
+    headless: bool,
+    /// Ends after this much simulated time. Default: a recording takes one round (36 s), vehicles run until stopped.
+    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    duration: Option<Duration>,
+    /// Link of the copter (1/1), such as udpout:127.0.0.1:14561.
+    #[arg(long, value_name = "URI")]
+    copter: Option<String>,
+    /// Link of the rover (2/1), such as udpout:127.0.0.1:14550.
+    #[arg(long, value_name = "URI")]
+    rover: Option<String>,
+    /// Where the world's origin is on Earth.
+    #[arg(
+        long,
+        value_name = "LAT,LON,ALT",
+        default_value = "50.7268,7.0865,60",
+        allow_hyphen_values = true
+    )]
+    origin: Origin,
+    /// Where the rover starts: metres east and north of the origin, degrees counter-clockwise from east.
+    #[arg(
+        long,
+        value_name = "X,Y,HEADING_DEG",
+        default_value = "0,0,0",
+        allow_hyphen_values = true
+    )]
+    rover_start: Start,
+    /// Writes what truly happened, as JSON, at the end.
+    #[arg(long, value_name = "FILE")]
+    report: Option<PathBuf>,
+}
+
+fn seconds(text: &str) -> Result<Duration, String> {
+    let seconds: f64 = text
+        .parse()
+        .map_err(|_not_a_number| "not a number of seconds".to_owned())?;
+    Duration::try_from_secs_f64(seconds).map_err(|error| error.to_string())
+}
+
+fn main() -> anyhow::Result<()> {
+    let Command::Run(args) = Cli::parse().command;
+    let level = if args.headless { "warn" } else { "info" };
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new(level));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .init();
+    let settings = Settings {
+        scene: args.scene,
+        seed: args.seed,
+        record: args.record,
+        duration: args.duration,
+        copter: args.copter,
+        rover: args.rover,
+        origin: args.origin,
+        rover_start: args.rover_start,
+        report: args.report,
+    };
+    let (inbox, events) = sync_channel(QUEUE);
+    let start = now();
+    let for_signal = inbox.clone();
+    ctrlc::set_handler(move || {
+        // Nobody listens any more only if the run has ended already.
+        let _already_ended = for_signal.send(Event::Stop);
+    })
+    .context("cannot listen for ctrl-c")?;
+    if settings.has_links() {
+        let ticks = inbox.clone();
+        thread::Builder::new()
+            .name("clock".into())
+            .spawn(move || tick(start, &ticks))?;
+    }
+    let report = run(&settings, (&inbox, &events), move || {
+        Stamp::from_nanos(u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX))
+    })?;
+    if let Some(recording) = &report.recording {
+        tracing::info!(frames = recording.frames, seconds = recording.seconds, file = %recording.file.display(), "recorded");
+    }
+    Ok(())
+}
+
+/// A tick per step of real time. A machine that falls behind catches up: no step is left out.
+#[expect(clippy::disallowed_methods, reason = "the clock of the program")]
+fn tick(start: Instant, ticks: &SyncSender<Event>) {
+    for step in 1.. {
+        let due = STEP * step;
+        thread::sleep(due.saturating_sub(start.elapsed()));
+        if ticks.send(Event::Tick).is_err() {
+            return;
+        }
+    }
+}
+
+#[expect(clippy::disallowed_methods, reason = "the clock of the program")]
+fn now() -> Instant {
+    Instant::now()
+}
