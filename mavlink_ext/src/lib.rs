@@ -10,6 +10,7 @@
 //! - [`presence`]: heartbeats, ours and others'.
 //! - [`command`]: commands and their acknowledgements, both ends.
 //! - [`mission`]: the mission protocol, both ends.
+//! - [`object`]: whole objects over lossy links, with a fountain code.
 //! - [`service`]: the form that all services have.
 
 pub mod command;
@@ -17,6 +18,7 @@ pub mod convert;
 pub mod dialect;
 pub mod link;
 pub mod mission;
+pub mod object;
 pub mod presence;
 pub mod service;
 pub mod wire;

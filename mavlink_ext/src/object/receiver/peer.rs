@@ -1,0 +1,361 @@
+//! What one sender is sending us.
+
+use std::collections::{BTreeMap, BTreeSet, VecDeque};
+use std::time::Duration;
+
+use maps::time::Stamp;
+
+use super::{IDLE_INTERVAL, ReceiverLimits, ReceiverStats};
+use crate::dialect::Message;
+use crate::dialect::tandem::{TANDEM_OBJECT_DATA, TANDEM_REPORT_DATA, TANDEM_SYMBOL_DATA};
+use crate::object::fountain::{Collector, Progress};
+use crate::object::{ObjectId, REPORT_ENTRIES, StreamId, TransferState};
+use crate::wire::Address;
+
+/// Time between reports while something arrives.
+const BUSY_INTERVAL: Duration = Duration::from_millis(100);
+/// Time between reports when there is news that the sender waits for.
+const URGENT_INTERVAL: Duration = Duration::from_millis(10);
+/// After so long without a symbol, reports come slowly again.
+const BUSY_FOR: Duration = Duration::from_secs(3);
+/// Ended transfers remembered, so that a repeated announcement is answered.
+const MAX_SETTLED: usize = 64;
+/// A transfer's end is reported so often, since reports get lost too.
+const END_REPORTS: u32 = 3;
+/// Symbols kept that overtook their announcement.
+const MAX_ORPHANS: usize = 256;
+/// Keys whose newest version is remembered.
+const MAX_KEYS: usize = 8192;
+
+/// An object on its way.
+struct Incoming {
+    announcement: TANDEM_OBJECT_DATA,
+    collector: Collector,
+    last_activity: Stamp,
+    deadline: Option<Stamp>,
+}
+
+/// How a transfer ended.
+struct Settled {
+    transfer: u32,
+    state: TransferState,
+    received: u32,
+    reports_left: u32,
+}
+
+/// One sender, as the receiver sees it.
+pub(super) struct Peer {
+    pub(super) last_heard: Stamp,
+    /// The sender's session: the upper half of its transfer numbers.
+    session: u16,
+    incoming: BTreeMap<u32, Incoming>,
+    settled: VecDeque<Settled>,
+    unknown: BTreeSet<u32>,
+    /// Symbols of unknown transfers, the newest last.
+    orphans: VecDeque<TANDEM_SYMBOL_DATA>,
+    /// Version and checksum of the newest object of each key.
+    have: BTreeMap<(StreamId, u64), (u64, u32)>,
+    symbols: u32,
+    last_report: Option<Stamp>,
+    urgent: bool,
+    max_bytes: usize,
+}
+
+impl Peer {
+    pub(super) fn new(now: Stamp, max_bytes: usize) -> Self {
+        Self {
+            last_heard: now,
+            session: 0,
+            incoming: BTreeMap::new(),
+            settled: VecDeque::new(),
+            unknown: BTreeSet::new(),
+            orphans: VecDeque::new(),
+            have: BTreeMap::new(),
+            symbols: 0,
+            last_report: None,
+            urgent: false,
+            max_bytes,
+        }
+    }
+
+    pub(super) fn bytes_under_way(&self) -> usize {
+        self.incoming
+            .values()
+            .map(|incoming| incoming.announcement.size as usize)
+            .sum()
+    }
+
+    /// An object was announced, perhaps once more. Symbols that overtook the announcement may complete it at once.
+    pub(super) fn announced(
+        &mut self,
+        now: Stamp,
+        object: &TANDEM_OBJECT_DATA,
+        limits: &ReceiverLimits,
+        stats: &mut ReceiverStats,
+    ) -> Option<(ObjectId, Vec<u8>)> {
+        let transfer = object.transfer;
+        self.urgent = true;
+        self.unknown.remove(&transfer);
+        self.notice_restart((transfer >> 16) as u16);
+        if let Some(known) = self.incoming.get_mut(&transfer) {
+            if is_same(&known.announcement, object) {
+                known.last_activity = now;
+                return None;
+            }
+            self.incoming.remove(&transfer);
+        }
+        if let Some(settled) = self.settled.iter_mut().find(|s| s.transfer == transfer) {
+            settled.reports_left = settled.reports_left.max(1);
+            return None;
+        }
+        let have = self.have.get(&(StreamId(object.stream), object.key));
+        if have.is_some_and(|have| is_covered(*have, object)) {
+            self.settle(transfer, TransferState::Complete, 0);
+            return None;
+        }
+        let size = object.size as usize;
+        let collector = Collector::new(size, usize::from(object.symbol_size))
+            .filter(|_| transfer != 0 && size <= limits.object_bytes.min(limits.bytes));
+        let Some(collector) = collector else {
+            stats.refused += 1;
+            self.settle(transfer, TransferState::Refused, 0);
+            return None;
+        };
+        self.make_room(size, limits, stats);
+        let deadline =
+            (object.deadline != 0).then(|| now + Duration::from_millis(u64::from(object.deadline)));
+        let incoming = Incoming {
+            announcement: object.clone(),
+            collector,
+            last_activity: now,
+            deadline,
+        };
+        self.incoming.insert(transfer, incoming);
+        let orphans = std::mem::take(&mut self.orphans);
+        let (ours, others) = orphans.into_iter().partition(|o| o.transfer == transfer);
+        self.orphans = others;
+        let ours: VecDeque<TANDEM_SYMBOL_DATA> = ours;
+        ours.iter()
+            .find_map(|symbol| self.collect(now, symbol, stats))
+    }
+
+    /// A sender that restarts counts its transfers, and perhaps its versions, anew.
+    fn notice_restart(&mut self, session: u16) {
+        if session != self.session {
+            self.session = session;
+            self.incoming.clear();
+            self.settled.clear();
+            self.have.clear();
+        }
+    }
+
+    /// Drops what was idle for longest, until another object of this size fits.
+    fn make_room(&mut self, size: usize, limits: &ReceiverLimits, stats: &mut ReceiverStats) {
+        while !self.incoming.is_empty()
+            && (self.incoming.len() >= limits.transfers
+                || self.bytes_under_way() + size > limits.bytes)
+        {
+            let idle = self.incoming.iter().min_by_key(|(_, i)| i.last_activity);
+            if let Some(transfer) = idle.map(|(transfer, _)| *transfer) {
+                self.incoming.remove(&transfer);
+                stats.dropped += 1;
+            }
+        }
+    }
+
+    /// A symbol came; perhaps it completes an object.
+    pub(super) fn symbol(
+        &mut self,
+        now: Stamp,
+        symbol: &TANDEM_SYMBOL_DATA,
+        stats: &mut ReceiverStats,
+    ) -> Option<(ObjectId, Vec<u8>)> {
+        let transfer = symbol.transfer;
+        self.symbols = self.symbols.wrapping_add(1);
+        if self.incoming.contains_key(&transfer) {
+            return self.collect(now, symbol, stats);
+        }
+        if let Some(settled) = self.settled.iter_mut().find(|s| s.transfer == transfer) {
+            // The sender has not heard of the end yet.
+            settled.reports_left = settled.reports_left.max(1);
+            return None;
+        }
+        if self.unknown.len() < REPORT_ENTRIES {
+            self.urgent |= self.unknown.insert(transfer);
+        }
+        if self.orphans.len() >= MAX_ORPHANS {
+            self.orphans.pop_front();
+        }
+        self.orphans.push_back(symbol.clone());
+        None
+    }
+
+    fn collect(
+        &mut self,
+        now: Stamp,
+        symbol: &TANDEM_SYMBOL_DATA,
+        stats: &mut ReceiverStats,
+    ) -> Option<(ObjectId, Vec<u8>)> {
+        let incoming = self.incoming.get_mut(&symbol.transfer)?;
+        incoming.last_activity = now;
+        match incoming.collector.add(symbol.symbol, &symbol.data) {
+            Progress::Wanting => None,
+            Progress::Complete(bytes) => self.completed(symbol.transfer, bytes, stats),
+            Progress::Hopeless => {
+                self.damaged(symbol.transfer, stats);
+                None
+            }
+        }
+    }
+
+    fn completed(
+        &mut self,
+        transfer: u32,
+        bytes: Vec<u8>,
+        stats: &mut ReceiverStats,
+    ) -> Option<(ObjectId, Vec<u8>)> {
+        let incoming = self.incoming.get(&transfer)?;
+        let object = &incoming.announcement;
+        if crc32c::crc32c(&bytes) != object.hash {
+            self.damaged(transfer, stats);
+            return None;
+        }
+        let id = ObjectId {
+            stream: StreamId(object.stream),
+            key: object.key,
+            version: object.version,
+        };
+        let (hash, received) = (object.hash, incoming.collector.received());
+        let key = (id.stream, id.key);
+        let outdated = self
+            .have
+            .get(&key)
+            .is_some_and(|have| is_covered(*have, object));
+        self.incoming.remove(&transfer);
+        self.settle(transfer, TransferState::Complete, received);
+        if outdated {
+            return None; // A newer version overtook it.
+        }
+        if self.have.len() < MAX_KEYS || self.have.contains_key(&key) {
+            self.have.insert(key, (id.version, hash));
+        }
+        Some((id, bytes))
+    }
+
+    /// Throws the symbols away and starts the object again, since one of them was wrong.
+    fn damaged(&mut self, transfer: u32, stats: &mut ReceiverStats) {
+        stats.damaged += 1;
+        self.incoming.remove(&transfer);
+        self.settle(transfer, TransferState::Damaged, 0);
+    }
+
+    fn settle(&mut self, transfer: u32, state: TransferState, received: u32) {
+        self.urgent = true;
+        if self.settled.len() >= MAX_SETTLED {
+            self.settled.pop_front();
+        }
+        self.settled.push_back(Settled {
+            transfer,
+            state,
+            received,
+            reports_left: END_REPORTS,
+        });
+    }
+
+    /// Drops what no symbol came for, and what is past its deadline.
+    pub(super) fn drop_old(&mut self, now: Stamp, max_age: Duration, stats: &mut ReceiverStats) {
+        let before = self.incoming.len();
+        self.incoming.retain(|_, incoming| {
+            now.since(incoming.last_activity) <= max_age
+                && incoming.deadline.is_none_or(|deadline| now <= deadline)
+        });
+        stats.dropped += (before - self.incoming.len()) as u64;
+    }
+
+    fn since_report(&self, now: Stamp) -> Duration {
+        self.last_report
+            .map_or(Duration::MAX, |last| now.since(last))
+    }
+
+    /// Whether there is news that cannot wait for the next tick.
+    pub(super) fn report_is_urgent(&self, now: Stamp) -> bool {
+        self.urgent && self.since_report(now) >= URGENT_INTERVAL
+    }
+
+    pub(super) fn report_is_due(&self, now: Stamp) -> bool {
+        let busy = self
+            .incoming
+            .values()
+            .any(|incoming| now.since(incoming.last_activity) <= BUSY_FOR)
+            || self.settled.iter().any(|settled| settled.reports_left > 0);
+        let interval = if self.urgent {
+            URGENT_INTERVAL
+        } else if busy {
+            BUSY_INTERVAL
+        } else {
+            IDLE_INTERVAL
+        };
+        self.since_report(now) >= interval
+    }
+
+    /// What there is to say, in as many reports as it takes; at least one, as a sign of life.
+    pub(super) fn reports(&mut self, now: Stamp, to: Address, session: u32) -> Vec<Message> {
+        self.last_report = Some(now);
+        self.urgent = false;
+        let mut entries = Vec::new();
+        let mut damaged = Vec::new();
+        for settled in self.settled.iter_mut().filter(|s| s.reports_left > 0) {
+            settled.reports_left -= 1;
+            entries.push((settled.transfer, settled.state, settled.received, 0));
+            if settled.state == TransferState::Damaged {
+                damaged.push(settled.transfer); // Told once: then the object may be announced and sent again.
+            }
+        }
+        self.settled
+            .retain(|settled| !damaged.contains(&settled.transfer));
+        for transfer in std::mem::take(&mut self.unknown) {
+            entries.push((transfer, TransferState::Unknown, 0, 0));
+        }
+        for (transfer, incoming) in &self.incoming {
+            let collector = &incoming.collector;
+            let (received, missing) = (collector.received(), collector.missing());
+            entries.push((*transfer, TransferState::Wanted, received, missing));
+        }
+        let room = self.max_bytes.saturating_sub(self.bytes_under_way());
+        let mut report = TANDEM_REPORT_DATA {
+            session,
+            symbols: self.symbols,
+            room: u32::try_from(room).unwrap_or(u32::MAX),
+            target_system: to.system.0,
+            target_component: to.component.0,
+            ..TANDEM_REPORT_DATA::default()
+        };
+        if entries.is_empty() {
+            return vec![Message::TANDEM_REPORT(report)];
+        }
+        let mut reports = Vec::new();
+        for chunk in entries.chunks(REPORT_ENTRIES) {
+            report.count = chunk.len() as u8;
+            for (slot, &(transfer, state, received, missing)) in chunk.iter().enumerate() {
+                report.transfers[slot] = transfer;
+                report.states[slot] = state as u8;
+                report.received[slot] = u16::try_from(received).unwrap_or(u16::MAX);
+                report.missing[slot] = u16::try_from(missing).unwrap_or(u16::MAX);
+            }
+            reports.push(Message::TANDEM_REPORT(report.clone()));
+        }
+        reports
+    }
+}
+
+/// Whether what we have of the key makes the announced object superfluous.
+fn is_covered((version, hash): (u64, u32), object: &TANDEM_OBJECT_DATA) -> bool {
+    version > object.version || (version == object.version && hash == object.hash)
+}
+
+/// Whether both announce the same object; the time left differs each time.
+fn is_same(one: &TANDEM_OBJECT_DATA, other: &TANDEM_OBJECT_DATA) -> bool {
+    let name = |object: &TANDEM_OBJECT_DATA| (object.stream, object.key, object.version);
+    let content = |object: &TANDEM_OBJECT_DATA| (object.size, object.hash, object.symbol_size);
+    name(one) == name(other) && content(one) == content(other)
+}

@@ -1,0 +1,498 @@
+//! The sending end: a queue, a few transfers under way, and a pacer.
+
+mod transfer;
+
+use std::collections::{BTreeMap, VecDeque};
+use std::sync::Arc;
+use std::time::Duration;
+
+use maps::time::Stamp;
+
+use super::estimate::LinkEstimate;
+use super::{MAX_OBJECT_BYTES, Object, ObjectId, Service, StreamId, TransferState};
+use crate::dialect::Message;
+use crate::dialect::tandem::TANDEM_REPORT_DATA;
+use crate::service::{Ends, Step};
+use crate::wire::Address;
+use transfer::{Transfer, Verdict};
+
+/// A receiver that has not reported for so long is gone: only announcements are sent, to find it again.
+const PEER_LOST_AFTER: Duration = Duration::from_millis(3500);
+/// Time between announcements to nobody.
+const PROBE_INTERVAL: Duration = Duration::from_secs(1);
+/// Reliable transfers under way at once: enough to fill the link while reports are awaited.
+const MAX_RELIABLE: usize = 4;
+/// The budget that may be saved up, as a span of time.
+const BURST: Duration = Duration::from_millis(100);
+
+/// How much may be sent and kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct SenderSettings {
+    /// Budget of the link for objects, in bytes of MAVLink frames per second.
+    pub bytes_per_second: u32,
+    /// Objects that wait may fill so much memory.
+    pub max_queued_bytes: usize,
+    /// Delivered reliable objects are kept up to this much memory, for a receiver that restarts.
+    pub max_retained_bytes: usize,
+}
+
+/// 1 MB/s, 64 MiB waiting and 64 MiB kept.
+impl Default for SenderSettings {
+    fn default() -> Self {
+        Self {
+            bytes_per_second: 1_000_000,
+            max_queued_bytes: 64 << 20,
+            max_retained_bytes: 64 << 20,
+        }
+    }
+}
+
+/// Why an object was not taken.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum OfferError {
+    /// Empty, or larger than the transport takes.
+    #[error("object {id} has {bytes} bytes, allowed are 1 to {max}", max = MAX_OBJECT_BYTES)]
+    Size {
+        /// Which.
+        id: ObjectId,
+        /// Its size.
+        bytes: usize,
+    },
+    /// The same or a newer version was offered before.
+    #[error("object {id} is not newer than version {newest}, which was offered before")]
+    Outdated {
+        /// Which.
+        id: ObjectId,
+        /// What is there.
+        newest: u64,
+    },
+    /// Too much waits already.
+    #[error("no room for object {id} of {bytes} bytes behind {queued} waiting bytes")]
+    Full {
+        /// Which.
+        id: ObjectId,
+        /// Its size.
+        bytes: usize,
+        /// What waits.
+        queued: usize,
+    },
+}
+
+/// What became of objects.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum SenderEvent {
+    /// The receiver has it, and its checksum is right.
+    Delivered {
+        /// Which.
+        id: ObjectId,
+        /// Since it was offered.
+        after: Duration,
+    },
+    /// The receiver does not want it.
+    Refused(ObjectId),
+    /// Its deadline passed, or a newer object of its stream came.
+    Expired(ObjectId),
+    /// The receiver has started anew: what it had is sent again.
+    ReceiverRestarted {
+        /// How many objects go again.
+        resending: usize,
+        /// Objects that it had and we have not kept: offer them again.
+        forgotten: Vec<ObjectId>,
+    },
+}
+
+/// Counts since the start, and what is there now.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct SenderStats {
+    /// Objects reported complete, with those delivered again to a receiver that restarted.
+    pub objects_delivered: u64,
+    /// Their bytes.
+    pub bytes_delivered: u64,
+    /// Objects of which a newer version was offered before they were sent.
+    pub objects_replaced: u64,
+    /// Symbols sent.
+    pub symbols_sent: u64,
+    /// Bytes of MAVLink frames sent, announcements too.
+    pub wire_bytes: u64,
+    /// Keys of reliable objects whose newest version the receiver has.
+    pub keys_delivered: usize,
+    /// Objects that wait or are under way.
+    pub objects_pending: usize,
+    /// Their bytes.
+    pub bytes_pending: usize,
+    /// Share of symbols lost lately; `None` before it is known.
+    pub loss: Option<f64>,
+    /// Whether the receiver reports.
+    pub receiver_alive: bool,
+}
+
+type Key = (StreamId, u64);
+
+/// A reliable object that the receiver has.
+#[derive(Clone, Debug)]
+struct Kept {
+    id: ObjectId,
+    /// `None` if there was no room to keep it.
+    object: Option<Arc<Object>>,
+}
+
+#[derive(Clone, Debug)]
+struct Waiting {
+    object: Arc<Object>,
+    offered: Stamp,
+}
+
+/// Sends objects to one receiver.
+pub struct Sender {
+    ends: Ends,
+    settings: SenderSettings,
+    session: u16,
+    transfers_begun: u16,
+    waiting: VecDeque<Waiting>,
+    active: Vec<Transfer>,
+    /// The newest version offered of each reliable key.
+    newest: BTreeMap<Key, u64>,
+    kept: BTreeMap<Key, Kept>,
+    kept_bytes: usize,
+    receiver_session: Option<u32>,
+    last_report: Option<Stamp>,
+    probe_due: Stamp,
+    link: LinkEstimate,
+    /// Bytes that may be sent now.
+    budget: f64,
+    refilled: Stamp,
+    counts: SenderStats,
+}
+
+impl Sender {
+    /// A sender that starts now. `session` should differ from that of the sender's last start, so that the receiver sees
+    /// the restart.
+    pub fn new(now: Stamp, ends: Ends, session: u16, settings: SenderSettings) -> Self {
+        Self {
+            ends,
+            settings,
+            session,
+            transfers_begun: 0,
+            waiting: VecDeque::new(),
+            active: Vec::new(),
+            newest: BTreeMap::new(),
+            kept: BTreeMap::new(),
+            kept_bytes: 0,
+            receiver_session: None,
+            last_report: None,
+            probe_due: now,
+            link: LinkEstimate::new(),
+            budget: 0.0,
+            refilled: now,
+            counts: SenderStats::default(),
+        }
+    }
+
+    /// Changes the budget, as when the radio says that it is full.
+    pub fn set_bytes_per_second(&mut self, bytes_per_second: u32) {
+        self.settings.bytes_per_second = bytes_per_second;
+    }
+
+    /// Takes an object to send.
+    pub fn offer(&mut self, now: Stamp, object: Object) -> Result<(), OfferError> {
+        let id = object.id;
+        let bytes = object.bytes.len();
+        if !(1..=MAX_OBJECT_BYTES).contains(&bytes) {
+            return Err(OfferError::Size { id, bytes });
+        }
+        let key = (id.stream, id.key);
+        if object.service == Service::Reliable
+            && let Some(&newest) = self.newest.get(&key)
+            && newest >= id.version
+        {
+            return Err(OfferError::Outdated { id, newest });
+        }
+        let replaced = |other: &Object| match object.service {
+            Service::Reliable | Service::BestEffort => {
+                (other.id.stream, other.id.key) == key && other.service == object.service
+            }
+            Service::Latest { .. } => {
+                other.id.stream == id.stream && matches!(other.service, Service::Latest { .. })
+            }
+        };
+        // The older version's place in the queue goes to the newer one: what changes often is not always last.
+        let place = self.waiting.iter().position(|w| replaced(&w.object));
+        let freed = place.map_or(0, |place| self.waiting[place].object.bytes.len());
+        let queued = self.waiting_bytes() - freed;
+        if queued + bytes > self.settings.max_queued_bytes {
+            return Err(OfferError::Full { id, bytes, queued });
+        }
+        if object.service == Service::Reliable {
+            self.newest.insert(key, id.version);
+        }
+        let unsent = self.active.len();
+        self.active
+            .retain(|transfer| transfer.has_begun() || !replaced(transfer.object()));
+        self.counts.objects_replaced += (unsent - self.active.len()) as u64;
+        let waiting = Waiting {
+            object: Arc::new(object),
+            offered: now,
+        };
+        match place {
+            Some(place) => {
+                self.counts.objects_replaced += 1;
+                self.waiting[place] = waiting;
+            }
+            None => self.waiting.push_back(waiting),
+        }
+        Ok(())
+    }
+
+    /// Tells it of any message that came in.
+    pub fn handle(&mut self, now: Stamp, from: Address, message: &Message) -> Step<SenderEvent> {
+        match message {
+            Message::TANDEM_REPORT(report) if self.ends.accept(from, message) => {
+                self.reported(now, report)
+            }
+            _ => Step::none(),
+        }
+    }
+
+    fn reported(&mut self, now: Stamp, report: &TANDEM_REPORT_DATA) -> Step<SenderEvent> {
+        let mut step = Step::none();
+        let restarted = self
+            .receiver_session
+            .is_some_and(|session| session != report.session);
+        self.receiver_session = Some(report.session);
+        self.last_report = Some(now);
+        if restarted {
+            step.extend(self.receiver_restarted(now));
+        }
+        self.link.reported(now, report.symbols);
+        let entries = report.transfers.iter().zip(report.missing);
+        let count = usize::from(report.count);
+        for ((&number, missing), state) in entries.zip(report.states).take(count) {
+            let place = self.active.iter().position(|t| t.number() == number);
+            let (Some(place), Some(state)) = (place, TransferState::from_wire(state)) else {
+                continue;
+            };
+            match self.active[place].reported(now, (state, missing), &mut self.link) {
+                Verdict::Continue => {}
+                Verdict::Delivered => step.events.push(self.delivered(now, place)),
+                Verdict::Refused => {
+                    let transfer = self.active.remove(place);
+                    step.events.push(SenderEvent::Refused(transfer.object().id));
+                }
+            }
+        }
+        step
+    }
+
+    fn delivered(&mut self, now: Stamp, place: usize) -> SenderEvent {
+        let transfer = self.active.remove(place);
+        let object = Arc::clone(transfer.object());
+        self.counts.objects_delivered += 1;
+        self.counts.bytes_delivered += object.bytes.len() as u64;
+        let id = object.id;
+        if object.service == Service::Reliable {
+            self.keep(object);
+        }
+        SenderEvent::Delivered {
+            id,
+            after: now.since(transfer.offered()),
+        }
+    }
+
+    fn keep(&mut self, object: Arc<Object>) {
+        let id = object.id;
+        let key = (id.stream, id.key);
+        let size = object.bytes.len();
+        if let Some(Kept {
+            object: Some(older),
+            ..
+        }) = self.kept.remove(&key)
+        {
+            self.kept_bytes -= older.bytes.len();
+        }
+        let fits = self.kept_bytes + size <= self.settings.max_retained_bytes;
+        self.kept_bytes += if fits { size } else { 0 };
+        let object = fits.then_some(object);
+        self.kept.insert(key, Kept { id, object });
+    }
+
+    fn receiver_restarted(&mut self, now: Stamp) -> Step<SenderEvent> {
+        self.link.peer_restarted();
+        for transfer in &mut self.active {
+            transfer.restart(&self.link);
+        }
+        self.kept_bytes = 0;
+        let mut resending = 0;
+        let mut forgotten = Vec::new();
+        for (key, kept) in std::mem::take(&mut self.kept) {
+            let newer_is_coming = self.newest.get(&key).is_some_and(|v| *v > kept.id.version);
+            match kept.object {
+                _ if newer_is_coming => {}
+                Some(object) => {
+                    resending += 1;
+                    let offered = now;
+                    self.waiting.push_back(Waiting { object, offered });
+                }
+                None => {
+                    self.newest.remove(&key);
+                    forgotten.push(kept.id);
+                }
+            }
+        }
+        Step::event(SenderEvent::ReceiverRestarted {
+            resending,
+            forgotten,
+        })
+    }
+
+    /// Lets time pass: sends what the budget allows. Wants to be called every 10 to 20 ms.
+    pub fn tick(&mut self, now: Stamp) -> Step<SenderEvent> {
+        self.refill(now);
+        let mut step = self.expire(now);
+        if !self.receiver_is_alive(now) {
+            step.send.extend(self.probe(now));
+            return step;
+        }
+        while self.budget > 0.0 {
+            self.activate(now);
+            let Some(place) = self.next_to_send(now) else {
+                break;
+            };
+            let transfer = &mut self.active[place];
+            let (message, wire_bytes, symbols) = transfer.next_message(now, &self.link);
+            self.budget -= wire_bytes as f64;
+            self.counts.wire_bytes += wire_bytes as u64;
+            self.counts.symbols_sent += symbols;
+            if transfer.is_sent_for_good() {
+                self.active.remove(place);
+            }
+            step.send.push(message);
+        }
+        self.link.sent_by(now, self.counts.symbols_sent);
+        step
+    }
+
+    fn refill(&mut self, now: Stamp) {
+        let rate = f64::from(self.settings.bytes_per_second);
+        let earned = rate * now.since(self.refilled).as_secs_f64();
+        // Even a very slow link must be able to send one frame.
+        let most = (rate * BURST.as_secs_f64()).max(1.0);
+        self.budget = (self.budget + earned).min(most);
+        self.refilled = now;
+    }
+
+    fn expire(&mut self, now: Stamp) -> Step<SenderEvent> {
+        let mut step = Step::none();
+        let mut is_over = |object: &Object, offered: Stamp| {
+            let over = match object.service {
+                Service::Latest { deadline } => now.since(offered) > deadline,
+                Service::Reliable | Service::BestEffort => false,
+            };
+            if over {
+                step.events.push(SenderEvent::Expired(object.id));
+            }
+            over
+        };
+        self.waiting
+            .retain(|waiting| !is_over(&waiting.object, waiting.offered));
+        self.active
+            .retain(|transfer| !is_over(transfer.object(), transfer.offered()));
+        step
+    }
+
+    fn receiver_is_alive(&self, now: Stamp) -> bool {
+        self.last_report
+            .is_some_and(|last| now.since(last) <= PEER_LOST_AFTER)
+    }
+
+    /// Nobody reports: announce something now and then, which a receiver answers at once.
+    fn probe(&mut self, now: Stamp) -> Option<Message> {
+        if now < self.probe_due {
+            return None;
+        }
+        if self.active.is_empty() {
+            self.activate(now);
+        }
+        let transfer = self.active.first_mut()?;
+        self.probe_due = now + PROBE_INTERVAL;
+        let (message, wire_bytes) = transfer.announce(now);
+        self.counts.wire_bytes += wire_bytes as u64;
+        Some(message)
+    }
+
+    /// Takes objects from the queue while there is a place for their class.
+    fn activate(&mut self, now: Stamp) {
+        loop {
+            let of = |priority: u8| {
+                let same = |transfer: &&Transfer| transfer.priority() == priority;
+                self.active.iter().filter(same).count()
+            };
+            let (latest, reliable) = (of(0), of(1));
+            let (nothing_else, alone) = (latest + reliable == 0, self.active.is_empty());
+            let fits = |waiting: &Waiting| match waiting.object.service {
+                Service::Latest { .. } => latest < 2,
+                Service::Reliable => {
+                    let id = waiting.object.id;
+                    let under_way = |transfer: &Transfer| {
+                        let other = transfer.object().id;
+                        (other.stream, other.key) == (id.stream, id.key)
+                    };
+                    reliable < MAX_RELIABLE && !self.active.iter().any(under_way)
+                }
+                Service::BestEffort => nothing_else && alone,
+            };
+            let candidates = self.waiting.iter().enumerate();
+            let next = candidates
+                .filter(|(_, waiting)| fits(waiting))
+                .min_by_key(|(_, waiting)| transfer::priority(waiting.object.service));
+            let Some((place, _)) = next else {
+                return;
+            };
+            let Some(Waiting { object, offered }) = self.waiting.remove(place) else {
+                return;
+            };
+            let number = self.next_number();
+            let begun = Transfer::new(self.ends.peer, number, (object, offered), &self.link);
+            self.active.push(begun);
+            self.probe_due = self.probe_due.max(now);
+        }
+    }
+
+    fn next_number(&mut self) -> u32 {
+        self.transfers_begun = self.transfers_begun.checked_add(1).unwrap_or(1);
+        u32::from(self.session) << 16 | u32::from(self.transfers_begun)
+    }
+
+    fn next_to_send(&self, now: Stamp) -> Option<usize> {
+        let candidates = self.active.iter().enumerate();
+        candidates
+            .filter(|(_, transfer)| transfer.wants_to_send(now))
+            .min_by_key(|(_, transfer)| transfer.priority())
+            .map(|(place, _)| place)
+    }
+
+    fn waiting_bytes(&self) -> usize {
+        self.waiting.iter().map(|w| w.object.bytes.len()).sum()
+    }
+
+    /// Whether everything offered is delivered, refused or expired.
+    pub fn is_idle(&self) -> bool {
+        self.waiting.is_empty() && self.active.is_empty()
+    }
+
+    /// How it goes.
+    pub fn stats(&self, now: Stamp) -> SenderStats {
+        let is_newest = |(key, kept): (&Key, &Kept)| {
+            let newest = self.newest.get(key).copied();
+            newest.is_none_or(|newest| newest <= kept.id.version)
+        };
+        let active_bytes: usize = self.active.iter().map(|t| t.object().bytes.len()).sum();
+        SenderStats {
+            keys_delivered: self.kept.iter().filter(|kept| is_newest(*kept)).count(),
+            objects_pending: self.waiting.len() + self.active.len(),
+            bytes_pending: self.waiting_bytes() + active_bytes,
+            loss: self.link.loss(),
+            receiver_alive: self.receiver_is_alive(now),
+            ..self.counts
+        }
+    }
+}
