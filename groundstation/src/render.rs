@@ -1,7 +1,7 @@
 //! The map in three dimensions: voxels, vehicles, plans and the ground, in a window or without one.
 //!
 //! - [`scene`]: what is shown, as plain data; [`mesh`] makes surfaces of the map's tiles.
-//! - [`camera`]: from where; [`navigate`] moves it with the mouse, [`pick`] says what is under the cursor.
+//! - [`camera`]: from where; [`navigate`] moves it with the mouse, [`mod@pick`] says what is under the cursor.
 //! - [`gpu`]: draws it; [`callback`] puts it into an egui panel, [`offscreen`] into a picture.
 //! - [`ramp`] and [`grid`]: the colours and numbers that a legend needs.
 //!
@@ -9,6 +9,7 @@
 
 pub mod callback;
 pub mod camera;
+mod glyph;
 pub mod gpu;
 pub mod grid;
 pub mod mesh;
@@ -19,6 +20,7 @@ mod pipelines;
 pub mod ramp;
 pub mod scene;
 mod sketch;
+mod view;
 
 pub use callback::install;
 pub use camera::{Camera3, Lens, Ray, Viewport};

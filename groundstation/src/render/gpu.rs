@@ -10,24 +10,22 @@ use std::collections::BTreeMap;
 use std::mem::size_of;
 use std::sync::Arc;
 
-use bytemuck::{Pod, Zeroable};
 use maps::frame::{Point, World};
 use wgpu::{Buffer, BufferUsages, CommandBuffer, Device, Queue, TextureFormat};
 
-use super::camera::{Camera3, Lens, NEAR_M, Viewport};
-use super::grid::Grid;
-use super::mesh::{TileMesh, Vertex};
-use super::pipelines::{COLOR, DEPTH, Pipelines, SAMPLES};
-use super::ramp::ramp;
-use super::scene::{Coloring, Scene, Surfaces};
-use super::sketch::{PlainVertex, Segment, Sketch};
+use super::camera::{Camera3, Viewport};
+use super::mesh::TileMesh;
+use super::pipelines::Pipelines;
+use super::scene::{Scene, Surfaces};
+use super::sketch::Sketch;
+use super::view::{Globals, View, new_buffer};
 
 /// Which of several views of the map in one window.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
 pub struct ViewId(pub u64);
 
 /// What one picture shows.
-#[derive(Clone, Debug, PartialEq)]
+#[derive(Clone, Debug)]
 pub struct Frame {
     /// What there is.
     pub scene: Arc<Scene>,
@@ -35,6 +33,15 @@ pub struct Frame {
     pub camera: Camera3,
     /// Width and height of the picture in pixels.
     pub size_px: [u32; 2],
+}
+
+impl PartialEq for Frame {
+    /// Scenes in the same place are the same; the others are compared.
+    fn eq(&self, other: &Self) -> bool {
+        self.size_px == other.size_px
+            && self.camera == other.camera
+            && (Arc::ptr_eq(&self.scene, &other.scene) || self.scene == other.scene)
+    }
 }
 
 /// What this module keeps on the graphics card.
@@ -55,42 +62,6 @@ struct GpuTile {
     mesh: Arc<TileMesh>,
     /// None if there is nothing to draw.
     vertices: Option<Buffer>,
-}
-
-/// A picture and what was drawn into it.
-struct View {
-    picture: Picture,
-    shown: Option<Frame>,
-    globals: Buffer,
-    globals_binding: wgpu::BindGroup,
-    tile_origins: GrowingBuffer<[f32; 4]>,
-    solid: GrowingBuffer<PlainVertex>,
-    glass: GrowingBuffer<PlainVertex>,
-    segments: GrowingBuffer<Segment>,
-}
-
-struct Picture {
-    size_px: [u32; 2],
-    samples: wgpu::TextureView,
-    depth: wgpu::TextureView,
-    finished: wgpu::Texture,
-    finished_view: wgpu::TextureView,
-    screen_binding: wgpu::BindGroup,
-}
-
-/// What the shader knows of the view: the struct of the same name there.
-#[repr(C)]
-#[derive(Clone, Copy, Pod, Zeroable)]
-struct Globals {
-    clip_from_eye: [[f32; 4]; 4],
-    eye: [f32; 4],
-    size_px: [f32; 2],
-    ramp_m: [f32; 2],
-    modes: [u32; 2],
-    near_m: f32,
-    parallel_depth_per_metre: f32,
-    grid: [f32; 4],
-    ramp: [[f32; 4]; 32],
 }
 
 impl Renderer {
@@ -126,7 +97,7 @@ impl Renderer {
         let size_px = frame.size_px.map(|px| px.clamp(1, largest));
         let mut current = match self.views.remove(&view) {
             Some(current) if current.picture.size_px == size_px => current,
-            _ => self.new_view(size_px),
+            _ => View::new(&self.device, &self.pipelines, &self.sampler, size_px),
         };
         let commands = (current.shown.as_ref() != Some(frame)).then(|| {
             let commands = self.render(&mut current, frame);
@@ -170,11 +141,12 @@ impl Renderer {
         let eye = camera.eye();
         let origins: Vec<_> = seen.iter().map(|mesh| origin_from_eye(mesh, eye)).collect();
         let sketch = Sketch::of(scene, camera, viewport);
-        view.tile_origins.write(self, &origins);
-        view.solid.write(self, &sketch.solid);
-        view.glass.write(self, &sketch.glass);
-        view.segments.write(self, &sketch.segments);
-        let globals = globals(scene, camera, viewport);
+        let (device, queue) = (&self.device, &self.queue);
+        view.tile_origins.write(device, queue, &origins);
+        view.solid.write(device, queue, &sketch.solid);
+        view.glass.write(device, queue, &sketch.glass);
+        view.segments.write(device, queue, &sketch.segments);
+        let globals = Globals::of(scene, camera, viewport);
         self.queue
             .write_buffer(&view.globals, 0, bytemuck::bytes_of(&globals));
 
@@ -184,10 +156,11 @@ impl Renderer {
                 label: Some("map view"),
             });
         {
-            let mut pass = begin_pass(&mut encoder, &view.picture, scene.look.background);
+            let mut pass = view.picture.begin_pass(&mut encoder, scene.look.background);
             pass.set_bind_group(0, &view.globals_binding, &[]);
             self.draw_voxels(&mut pass, view, &seen, scene.look.surfaces);
-            self.draw_sketch(&mut pass, view, &sketch, scene.look.grid);
+            let ground_segments = sketch.ground_segments as u32;
+            self.draw_sketch(&mut pass, view, ground_segments, scene.look.grid);
         }
         encoder.finish()
     }
@@ -259,7 +232,7 @@ impl Renderer {
         &self,
         pass: &mut wgpu::RenderPass<'_>,
         view: &View,
-        sketch: &Sketch,
+        ground_segments: u32,
         has_grid: bool,
     ) {
         let Pipelines {
@@ -272,100 +245,26 @@ impl Renderer {
             casings,
             ..
         } = &self.pipelines;
-        if !sketch.solid.is_empty() {
-            pass.set_vertex_buffer(0, view.solid.buffer.slice(..));
-            for pipeline in [hidden_solid, solid] {
-                pass.set_pipeline(pipeline);
-                pass.draw(0..sketch.solid.len() as u32, 0..1);
-            }
+        pass.set_vertex_buffer(0, view.solid.buffer.slice(..));
+        for pipeline in [hidden_solid, solid] {
+            pass.set_pipeline(pipeline);
+            pass.draw(0..view.solid.items, 0..1);
         }
         if has_grid {
             pass.set_pipeline(ground);
             pass.draw(0..4, 0..1);
         }
-        if !sketch.glass.is_empty() {
-            pass.set_pipeline(glass);
-            pass.set_vertex_buffer(0, view.glass.buffer.slice(..));
-            pass.draw(0..sketch.glass.len() as u32, 0..1);
-        }
-        if !sketch.segments.is_empty() {
-            pass.set_vertex_buffer(0, view.segments.buffer.slice(..));
-            let segments = sketch.segments.len() as u32;
-            pass.set_pipeline(hidden_lines);
-            pass.draw(0..4, sketch.ground_segments as u32..segments);
-            for pipeline in [casings, lines] {
-                pass.set_pipeline(pipeline);
-                pass.draw(0..4, 0..segments);
-            }
-        }
-    }
+        pass.set_pipeline(glass);
+        pass.set_vertex_buffer(0, view.glass.buffer.slice(..));
+        pass.draw(0..view.glass.items, 0..1);
 
-    fn new_view(&self, size_px: [u32; 2]) -> View {
-        let globals = new_buffer(&self.device, size_of::<Globals>(), BufferUsages::UNIFORM);
-        let globals_binding = self.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("globals"),
-            layout: &self.pipelines.globals_layout,
-            entries: &[wgpu::BindGroupEntry {
-                binding: 0,
-                resource: globals.as_entire_binding(),
-            }],
-        });
-        View {
-            picture: self.new_picture(size_px),
-            shown: None,
-            globals,
-            globals_binding,
-            tile_origins: GrowingBuffer::new(&self.device),
-            solid: GrowingBuffer::new(&self.device),
-            glass: GrowingBuffer::new(&self.device),
-            segments: GrowingBuffer::new(&self.device),
-        }
-    }
-
-    fn new_picture(&self, size_px: [u32; 2]) -> Picture {
-        let texture = |label, format, sample_count, usage| {
-            self.device.create_texture(&wgpu::TextureDescriptor {
-                label: Some(label),
-                size: wgpu::Extent3d {
-                    width: size_px[0],
-                    height: size_px[1],
-                    depth_or_array_layers: 1,
-                },
-                mip_level_count: 1,
-                sample_count,
-                dimension: wgpu::TextureDimension::D2,
-                format,
-                usage,
-                view_formats: &[],
-            })
-        };
-        let drawn = wgpu::TextureUsages::RENDER_ATTACHMENT;
-        let read = wgpu::TextureUsages::TEXTURE_BINDING | wgpu::TextureUsages::COPY_SRC;
-        let whole =
-            |texture: &wgpu::Texture| texture.create_view(&wgpu::TextureViewDescriptor::default());
-        let finished = texture("map view", COLOR, 1, drawn | read);
-        let finished_view = whole(&finished);
-        let screen_binding = self.device.create_bind_group(&wgpu::BindGroupDescriptor {
-            label: Some("map view"),
-            layout: &self.pipelines.screen_layout,
-            entries: &[
-                wgpu::BindGroupEntry {
-                    binding: 0,
-                    resource: wgpu::BindingResource::TextureView(&finished_view),
-                },
-                wgpu::BindGroupEntry {
-                    binding: 1,
-                    resource: wgpu::BindingResource::Sampler(&self.sampler),
-                },
-            ],
-        });
-        Picture {
-            size_px,
-            samples: whole(&texture("map view samples", COLOR, SAMPLES, drawn)),
-            depth: whole(&texture("map view depth", DEPTH, SAMPLES, drawn)),
-            finished,
-            finished_view,
-            screen_binding,
+        let segments = view.segments.items;
+        pass.set_vertex_buffer(0, view.segments.buffer.slice(..));
+        pass.set_pipeline(hidden_lines);
+        pass.draw(0..4, ground_segments.min(segments)..segments);
+        for pipeline in [casings, lines] {
+            pass.set_pipeline(pipeline);
+            pass.draw(0..4, 0..segments);
         }
     }
 }
@@ -386,75 +285,6 @@ fn seen_tiles(scene: &Scene, camera: &Camera3, viewport: Viewport) -> Vec<Arc<Ti
     seen.into_iter().map(|(_, mesh)| mesh).collect()
 }
 
-fn begin_pass<'a>(
-    encoder: &'a mut wgpu::CommandEncoder,
-    picture: &Picture,
-    background: [u8; 3],
-) -> wgpu::RenderPass<'a> {
-    let [r, g, b] = background.map(|c| f64::from(c) / 255.0);
-    encoder.begin_render_pass(&wgpu::RenderPassDescriptor {
-        label: Some("map view"),
-        color_attachments: &[Some(wgpu::RenderPassColorAttachment {
-            view: &picture.samples,
-            depth_slice: None,
-            resolve_target: Some(&picture.finished_view),
-            ops: wgpu::Operations {
-                load: wgpu::LoadOp::Clear(wgpu::Color { r, g, b, a: 1.0 }),
-                store: wgpu::StoreOp::Discard,
-            },
-        })],
-        depth_stencil_attachment: Some(wgpu::RenderPassDepthStencilAttachment {
-            view: &picture.depth,
-            depth_ops: Some(wgpu::Operations {
-                // Infinitely far.
-                load: wgpu::LoadOp::Clear(0.0),
-                store: wgpu::StoreOp::Discard,
-            }),
-            stencil_ops: None,
-        }),
-        timestamp_writes: None,
-        occlusion_query_set: None,
-        multiview_mask: None,
-    })
-}
-
-fn globals(scene: &Scene, camera: &Camera3, viewport: Viewport) -> Globals {
-    let grid = Grid::of(camera);
-    let eye = camera.eye().raw.map(|c| c as f32);
-    // Lines and overlays on the floor lie within its voxels: half above it and half below.
-    let lift_m = 1.5 * scene.resolution_m().max(0.01);
-    let clip_from_eye = camera.clip_from_eye(viewport).map(|c| c as f32);
-    Globals {
-        clip_from_eye: clip_from_eye.into(),
-        eye: [eye.x, eye.y, eye.z, lift_m as f32],
-        size_px: [viewport.width as f32, viewport.height as f32],
-        ramp_m: scene.heights_m().map(|m| m as f32),
-        modes: [
-            match scene.look.coloring {
-                Coloring::Camera => 0,
-                Coloring::Height => 1,
-                Coloring::Certainty => 2,
-            },
-            match camera.lens() {
-                Lens::Perspective => 0,
-                Lens::Parallel => 1,
-            },
-        ],
-        near_m: NEAR_M as f32,
-        parallel_depth_per_metre: camera.parallel_depth_per_metre() as f32,
-        grid: [
-            grid.center.raw.x as f32,
-            grid.center.raw.y as f32,
-            grid.radius_m as f32,
-            grid.spacing_m as f32,
-        ],
-        ramp: std::array::from_fn(|i| {
-            let [r, g, b] = ramp(i as f64 / 31.0).map(|c| f32::from(c) / 255.0);
-            [r, g, b, 1.0]
-        }),
-    }
-}
-
 /// The tile's low corner from the eye and the edge of a voxel; the difference is taken before rounding.
 fn origin_from_eye(mesh: &TileMesh, eye: Point<World>) -> [f32; 4] {
     let from_eye = mesh.origin - eye;
@@ -465,43 +295,3 @@ fn origin_from_eye(mesh: &TileMesh, eye: Point<World>) -> [f32; 4] {
         mesh.resolution_m as f32,
     ]
 }
-
-fn new_buffer(device: &Device, bytes: usize, usage: BufferUsages) -> Buffer {
-    device.create_buffer(&wgpu::BufferDescriptor {
-        label: None,
-        size: bytes as u64,
-        usage: usage | BufferUsages::COPY_DST,
-        mapped_at_creation: false,
-    })
-}
-
-/// A vertex buffer that is as large as it has ever been needed.
-struct GrowingBuffer<T> {
-    buffer: Buffer,
-    items: std::marker::PhantomData<T>,
-}
-
-impl<T: Pod> GrowingBuffer<T> {
-    fn new(device: &Device) -> Self {
-        Self {
-            buffer: new_buffer(device, 16 * size_of::<T>(), BufferUsages::VERTEX),
-            items: std::marker::PhantomData,
-        }
-    }
-
-    fn write(&mut self, renderer: &Renderer, items: &[T]) {
-        let bytes: &[u8] = bytemuck::cast_slice(items);
-        if bytes.len() as u64 > self.buffer.size() {
-            self.buffer = new_buffer(
-                &renderer.device,
-                bytes.len().next_power_of_two(),
-                BufferUsages::VERTEX,
-            );
-        }
-        if !bytes.is_empty() {
-            renderer.queue.write_buffer(&self.buffer, 0, bytes);
-        }
-    }
-}
-
-const _: () = assert!(size_of::<Vertex>() == 8, "the shader reads two words");

@@ -34,9 +34,9 @@ impl Grid {
 
 const PALE: [u8; 3] = [214, 222, 232];
 
-/// An arrow from the origin to the north, five lines of the grid long, with its letter.
+/// An arrow from the origin to the north with its letter, as large as a thumb wherever the camera is.
 pub(crate) fn north_arrow(sketch: &mut Sketch, camera: &Camera3) {
-    let unit_m = Grid::of(camera).spacing_m;
+    let unit_m = 0.07 * camera.distance_m();
     let at = |x: f64, y: f64| Point::new(x * unit_m, y * unit_m, 0.0);
     let color = opaque(PALE, 220);
     sketch.ring(Point::origin(), 0.12 * unit_m, color, 1.5);
