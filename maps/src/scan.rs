@@ -212,7 +212,12 @@ impl Marks {
         position
     }
 
+    /// Forgets the scan but keeps the memory for the next, unless most of it lies where the sensor no longer is.
     fn clear(&mut self) {
+        if self.tiles.values().count() > 16 + 2 * self.touched.len() {
+            *self = Self::default();
+            return;
+        }
         for position in self.touched.drain(..) {
             let tile = self.tiles.at_mut(position);
             for (block, _) in tile.blocks.drain(..) {

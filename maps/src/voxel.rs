@@ -186,7 +186,7 @@ impl VoxelMap {
         self.resolution_m
     }
 
-    /// The voxel that holds `p`. Far outside of the world it saturates.
+    /// The voxel that holds `p`. Far outside of the world it saturates; a NaN counts as 0.
     pub fn key_of(&self, p: Point<World>) -> VoxelKey {
         key_at(p, 1.0 / self.resolution_m)
     }
@@ -301,7 +301,9 @@ impl VoxelMap {
                 map_m: self.resolution_m,
             });
         }
-        self.tiles.get_or_insert(tile.id).replace(tile);
+        if !tile.blocks.is_empty() || self.tiles.get(tile.id).is_some() {
+            self.tiles.get_or_insert(tile.id).replace(tile);
+        }
         Ok(())
     }
 

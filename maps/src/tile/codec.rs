@@ -50,7 +50,7 @@ impl Tile {
         bytes
     }
 
-    /// The tile of which this is the compressed form. Takes at most the memory and time of a full tile, about 10 MB and
+    /// The tile of which this is the compressed form. Takes at most the memory and time of a full tile, about 15 MB and
     /// 2 million voxels, whatever the bytes.
     pub fn decode(bytes: &[u8]) -> Result<Self, TileError> {
         let mut rest = bytes;
