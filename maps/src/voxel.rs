@@ -14,6 +14,27 @@
 //!
 //! The world is bounded to 2¹⁶ voxels along each axis, centred on the origin: the very space of an `OctoMap` file.
 //!
+//! ```
+//! use maps::frame::Point;
+//! use maps::scan::Scan;
+//! use maps::tile::Tile;
+//! use maps::voxel::{Occupancy, VoxelMap};
+//!
+//! let mut map = VoxelMap::new(0.1);
+//! let wall = [Point::new(2.0, 0.3, 1.0)];
+//! map.insert_scan(&Scan { origin: Point::new(0.0, 0.0, 1.5), hits: &wall, colors: &[], max_range_m: 30.0 });
+//! assert_eq!(map.occupancy(map.key_of(wall[0])), Occupancy::Occupied);
+//!
+//! // What changed travels as tiles to another map, which then is the same.
+//! let mut copy = VoxelMap::new(0.1);
+//! for id in map.take_changed_tiles() {
+//!     let bytes = map.tile(id).expect("it changed").encode();
+//!     copy.set_tile(&Tile::decode(&bytes)?)?;
+//! }
+//! assert_eq!(copy.digest(), map.digest());
+//! # Ok::<(), maps::tile::TileError>(())
+//! ```
+//!
 //! - A. Hornung et al., *`OctoMap`: an efficient probabilistic 3D mapping framework based on octrees*, Autonomous Robots
 //!   34, 2013, Eq. (2)–(4).
 //! - M. Nießner et al., *Real-time 3D reconstruction at scale using voxel hashing*, ACM TOG 32(6), 2013.

@@ -5,6 +5,15 @@
 //!
 //! Heights are above the ellipsoid; autopilots report height above mean sea level, which differs by up to 100 m.
 //!
+//! ```
+//! use geodesy::{Geodetic, Origin};
+//!
+//! let origin = Origin::new(47.3977, 8.5456, 488.0)?;
+//! let p = origin.to_world(Geodetic { lat_deg: 47.3986, lon_deg: 8.5456, alt_m: 488.0 });
+//! assert!((p.raw.y - 100.0).abs() < 0.1, "a thousandth of a degree of latitude is 111 m");
+//! # Ok::<(), geodesy::OriginError>(())
+//! ```
+//!
 //! - C. F. F. Karney, *Geodesics on an ellipsoid of revolution*, 2011, and `GeographicLib::LocalCartesian` for the inverse,
 //!   accurate to nanometres within thousands of kilometres.
 

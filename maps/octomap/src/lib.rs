@@ -10,6 +10,17 @@
 //! What is written as `.ot` comes back as it was, colours aside; `.bt` keeps only free and occupied. Our voxels at even odds are
 //! free and `OctoMap`'s are occupied, so those are written a hair below.
 //!
+//! ```
+//! use maps::voxel::{LogOdds, Voxel, VoxelKey, VoxelMap};
+//!
+//! let mut map = VoxelMap::new(0.05);
+//! map.set_voxel(VoxelKey::new(1, 2, 3), Voxel { log_odds: LogOdds::HIT, color: None });
+//! let mut file = Vec::new();
+//! octomap::write_ot(&map, &mut file)?;
+//! assert_eq!(octomap::read_ot(&file[..])?.digest(), map.digest());
+//! # Ok::<(), octomap::ReadError>(())
+//! ```
+//!
 //! - A. Hornung et al., *`OctoMap`: an efficient probabilistic 3D mapping framework based on octrees*, Autonomous Robots
 //!   34, 2013, section 4.
 

@@ -73,9 +73,9 @@ pub(super) struct Model {
     /// By what the three nearest neighbours are.
     known: [Bit; 27],
     occupied: [Bit; 27],
-    /// By the log-odds of a neighbour of the same class.
-    free_value: Box<[[Bit; 64]; 6]>,
-    occupied_value: Box<[[Bit; 128]; 6]>,
+    /// By the log-odds of the first two neighbours of the same class.
+    free_value: Vec<[[Bit; 64]; 6]>,
+    occupied_value: Vec<[[Bit; 128]; 6]>,
     has_color: [Bit; 2],
     /// By channel and by how surprising the channel before was, or how well founded the reference is.
     color: Box<[[[Bit; 32]; 4]; 3]>,
@@ -97,8 +97,8 @@ impl Model {
             same: Box::new([[[Bit::NEW; 7]; 5]; 5]),
             known: [Bit::NEW; 27],
             occupied: [Bit::NEW; 27],
-            free_value: Box::new([[Bit::NEW; 64]; 6]),
-            occupied_value: Box::new([[Bit::NEW; 128]; 6]),
+            free_value: vec![[[Bit::NEW; 64]; 6]; 6],
+            occupied_value: vec![[[Bit::NEW; 128]; 6]; 6],
             has_color: [Bit::NEW; 2],
             color: Box::new([[[Bit::NEW; 32]; 4]; 3]),
         }
@@ -170,16 +170,19 @@ impl Model {
             return Some(UNKNOWN);
         }
         let occupied = coder.bit(&mut self.occupied[near], given > 0);
-        let alike = behind
+        let mut alike = behind
             .into_iter()
-            .find(|state| class(*state) == 1 + usize::from(occupied));
+            .filter(|state| class(*state) == 1 + usize::from(occupied));
+        let alike = [alike.next(), alike.next()];
         if occupied {
-            let tree = &mut self.occupied_value[alike.map_or(0, sureness_occupied)];
+            let [one, two] = alike.map(|state| state.map_or(0, sureness_occupied));
+            let tree = &mut self.occupied_value[one][two];
             let value = coder.tree(tree, 7, given.cast_unsigned());
             let range = 1..=LogOdds::MAX.0.cast_unsigned();
             range.contains(&value).then_some(value.cast_signed())
         } else {
-            let tree = &mut self.free_value[alike.map_or(0, sureness_free)];
+            let [one, two] = alike.map(|state| state.map_or(0, sureness_free));
+            let tree = &mut self.free_value[one][two];
             let value = coder.tree(tree, 6, given.wrapping_neg().cast_unsigned());
             let range = 0..=LogOdds::MIN.0.unsigned_abs();
             range.contains(&value).then_some(-value.cast_signed())

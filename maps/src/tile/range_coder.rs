@@ -27,7 +27,8 @@ impl Bit {
         one: 1 << (PRECISION - 1),
         seen: 0,
     };
-    const LIMIT: u8 = 180;
+    /// Low, as what is seen in one corner of a tile tells little of another.
+    const LIMIT: u8 = 30;
     /// No bit may cost nothing, or the range could run empty.
     const LEAST: i32 = 24;
 
