@@ -319,3 +319,24 @@ fn a_tile_of_another_resolution_or_world_is_refused() {
         Err(TileError::OutsideWorld(far))
     );
 }
+
+#[test]
+fn a_long_way_leaves_nothing_of_earlier_scans_in_later_ones() {
+    let mut map = VoxelMap::new(RESOLUTION_M);
+    for step in 0..60 {
+        let origin = Point::new(20.0 * f64::from(step), 0.0, 0.0);
+        let hits = [[4.0, 3.0, 1.0], [-5.0, 2.0, -1.0]]
+            .map(|[x, y, z]| Point::new(origin.raw.x + x, y, z));
+        // The same map in new memory.
+        let mut other = VoxelMap::new(RESOLUTION_M);
+        for id in map.tile_ids() {
+            let tile = map.tile(id).expect("it is in the list");
+            other.set_tile(&tile).expect("the same resolution");
+        }
+        for map in [&mut map, &mut other] {
+            map.insert_scan(&scan(origin, &hits));
+        }
+        assert_eq!(map.digest(), other.digest(), "scan {step}");
+        assert_eq!(map.tile_ids(), other.tile_ids());
+    }
+}
