@@ -35,13 +35,22 @@ impl PackedColor {
         (self != Self::NONE).then(|| [10, 5, 0].map(|shift| (self.0 >> shift) as u8 & 31))
     }
 
-    /// Halfway to `new`, rounded towards it, so that it is reached.
+    /// Halfway to `new` if that differs by more than noise: the colours of what is seen again and again must come to
+    /// rest, or every tile in view would change with every scan.
     fn towards(self, new: Self) -> Self {
-        let (Some(old), Some(new)) = (self.channels(), new.channels()) else {
+        const NOISE: u8 = 2;
+        let (Some(old), Some(seen)) = (self.channels(), new.channels()) else {
             return new;
         };
+        if old
+            .iter()
+            .zip(seen)
+            .all(|(old, seen)| old.abs_diff(seen) <= NOISE)
+        {
+            return self;
+        }
         Self::from_channels(std::array::from_fn(|i| {
-            (old[i] + new[i] + u8::from(new[i] > old[i])) / 2
+            (old[i] + seen[i] + u8::from(seen[i] > old[i])) / 2
         }))
     }
 }
