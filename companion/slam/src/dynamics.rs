@@ -28,6 +28,12 @@ const WITNESSES: usize = 6;
 const MEMORY: u8 = 45;
 /// Cells over which a mask grows into the unknown, from evidence or from the mask of the frame before.
 const GROWTH: u16 = 10;
+/// How far in front of a known surface is strong evidence, weak evidence, and none at all, in units of `clear_of`.
+const STRONG: f32 = 1.5;
+const WEAK: f32 = 0.7;
+const CONFIRMING: f32 = 0.5;
+/// The least share of a component for which there is strong evidence.
+const STRONG_SHARE: f64 = 0.25;
 /// The least share of the image that is believed to move: smaller spots are noise.
 const SMALLEST_SHARE: f64 = 0.002;
 /// Below this height over the floor the mask does not grow: feet touch the floor.
@@ -167,14 +173,13 @@ fn cast_vote(optics: &Optics, witness: &Coarse, p: &Vector3<f32>, vote: &mut Vot
     if near <= 0.0 || p.z > far + clear_of(far) {
         return;
     }
-    let gap = near - p.z;
-    let clear = clear_of(near);
-    if gap > clear {
+    let gap = (near - p.z) / clear_of(near);
+    if gap > STRONG {
         vote.strong += 1;
         vote.weak += 1;
-    } else if gap > 0.5 * clear {
+    } else if gap > WEAK {
         vote.weak += 1;
-    } else if !witness.moving[cell] {
+    } else if gap < CONFIRMING && !witness.moving[cell] {
         vote.confirm += 1;
     }
 }
@@ -195,7 +200,7 @@ fn label(
     };
     let of = |(cell, v): (usize, &Votes)| match v {
         _ if coarse.depth_m[cell] <= 0.0 => Label::Empty,
-        v if v.strong > 0 && v.strong >= v.confirm => Label::Strong,
+        v if v.strong > v.confirm => Label::Strong,
         v if v.weak > 0 && v.weak >= v.confirm => Label::Weak,
         v if v.confirm > 0 => Label::Confirmed,
         _ => remembered(cell).map_or(Label::Unknown, Label::Remembered),
@@ -222,6 +227,10 @@ fn grow(
             .iter()
             .filter(|&&c| labels[c] == Label::Strong)
             .count();
+        let solid = component
+            .iter()
+            .filter(|&&c| is_solid(optics, labels, c))
+            .count();
         let memory = component
             .iter()
             .filter_map(|&c| match labels[c] {
@@ -229,7 +238,7 @@ fn grow(
                 _ => None,
             })
             .min();
-        let seen_now = strong >= smallest;
+        let seen_now = solid >= smallest && strong as f64 >= STRONG_SHARE * component.len() as f64;
         let since = if seen_now {
             Some(0)
         } else {
@@ -242,6 +251,14 @@ fn grow(
         }
     }
     age
+}
+
+/// Whether a cell and those around it are all strong evidence: the rims of static things, seen a little displaced, are
+/// thin.
+fn is_solid(optics: &Optics, labels: &[Label], cell: usize) -> bool {
+    let strong = |c: usize| labels[c] == Label::Strong;
+    let full = |c: usize| strong(c) && neighbors(optics, c).all(strong);
+    full(cell) && neighbors(optics, cell).all(full)
 }
 
 /// The cells connected in depth to a seed, breadth first; only so far into the unknown.

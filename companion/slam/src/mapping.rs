@@ -32,11 +32,11 @@ pub(crate) fn needs_keyframe(
     (optics, pose): (&Optics, &Isometry3<f64>),
     (agreeing, frames_since): (usize, usize),
 ) -> bool {
-    const SOONEST: usize = 2;
+    const SOONEST: usize = 4;
     const LATEST: usize = 30;
     const MOVED_M: f64 = 0.15;
     const TURNED_RAD: f64 = 0.17;
-    const KNOWN_SHARE: f64 = 0.6;
+    const KNOWN_SHARE: f64 = 0.3;
     if frames_since < SOONEST {
         return false;
     }

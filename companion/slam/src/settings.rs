@@ -45,7 +45,7 @@ impl Default for Settings {
             min_depth_m: 0.3,
             max_depth_m: 6.0,
             dense_stride: 3,
-            window: 8,
+            window: 12,
             max_keyframes: 150,
             max_points: 30_000,
             moving: Moving::Reject,
