@@ -309,3 +309,95 @@ impl Local {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use maps::camera::Pinhole;
+    use nalgebra::Vector6;
+
+    use super::*;
+
+    /// Four cameras in a row that see 60 points exactly; all but the last camera, and the points, are then disturbed.
+    fn disturbed(optics: &Optics) -> (Problem, Vec<Isometry3<f64>>) {
+        let truth: Vec<Isometry3<f64>> = (0..4)
+            .map(|i| {
+                Isometry3::new(
+                    Vector3::new(0.2 * f64::from(i), 0.0, 0.0),
+                    Vector3::new(0.0, 0.05, 0.0),
+                )
+            })
+            .collect();
+        let wave = |i: i32, f: f64| (f64::from(i) * f).sin();
+        let mut points = Vec::new();
+        let mut observations = Vec::new();
+        for i in 0..60 {
+            let point = Vector3::new(wave(i, 1.7), wave(i, 2.9), 3.0 + wave(i, 0.7));
+            for (camera, pose) in truth.iter().enumerate() {
+                let q = (pose.inverse() * Point3::from(point)).coords;
+                observations.push(Observation {
+                    camera,
+                    point: points.len(),
+                    seen: Seen {
+                        pixel: optics.project(&q).expect("in front"),
+                        depth_m: Some(q.z),
+                        sigma: 1.0,
+                    },
+                });
+            }
+            points.push(point + 0.02 * Vector3::new(wave(i, 5.0), wave(i, 6.0), wave(i, 7.0)));
+        }
+        let off = Vector6::new(0.02, -0.03, 0.01, 0.01, -0.005, 0.01);
+        let mut cameras = truth.clone();
+        for pose in cameras.iter_mut().take(3) {
+            *pose = boxplus(pose, &off);
+        }
+        let problem = Problem {
+            cameras,
+            free: 3,
+            points,
+            observations,
+        };
+        (problem, truth)
+    }
+
+    #[test]
+    fn adjustment_brings_the_cameras_back_against_a_fixed_one() {
+        let optics = Optics::new(Pinhole {
+            width: 640,
+            height: 480,
+            fx: 500.0,
+            fy: 500.0,
+            cx: 320.0,
+            cy: 240.0,
+            distortion: [0.0; 5],
+        });
+        let (mut problem, truth) = disturbed(&optics);
+        // One sighting is of something else.
+        problem.observations[8].seen.pixel[0] += 80.0;
+        let before = problem.cost(&optics);
+        problem.solve(&optics, 20);
+        assert!(
+            problem.cost(&optics) < 0.05 * before,
+            "from {before} to {}",
+            problem.cost(&optics)
+        );
+        let wrong = problem.observations[8].point;
+        let outliers = problem.outliers(&optics);
+        assert!(outliers[8]);
+        for (o, _) in problem
+            .observations
+            .iter()
+            .zip(outliers)
+            .filter(|(_, bad)| *bad)
+        {
+            assert_eq!(
+                o.point, wrong,
+                "only the point with the wrong sighting is in doubt"
+            );
+        }
+        for (camera, (found, exact)) in problem.cameras.iter().zip(&truth).enumerate() {
+            let off = (exact.inverse() * found).translation.vector.norm();
+            assert!(off < 2e-3, "camera {camera} is {off} m off");
+        }
+    }
+}

@@ -126,3 +126,94 @@ pub(crate) fn first_pose(floor: Option<&Floor>, height_m: f64, heading_rad: f64)
         turn * UnitQuaternion::from_matrix(&level_from_camera),
     )
 }
+
+#[cfg(test)]
+mod tests {
+    use maps::camera::Pinhole;
+    use nalgebra::Point3;
+    use rand_pcg::rand_core::SeedableRng as _;
+
+    use super::*;
+
+    fn optics() -> Optics {
+        Optics::new(Pinhole {
+            width: 160,
+            height: 120,
+            fx: 130.0,
+            fy: 130.0,
+            cx: 79.5,
+            cy: 59.5,
+            distortion: [0.0; 5],
+        })
+    }
+
+    /// A floor 1.3 m below a camera that looks `down` and leans by `lean`, with a table of 0.7 m on its left and a wall.
+    fn room(optics: &Optics, down: f64, lean: f64) -> Coarse {
+        let up = UnitQuaternion::from_euler_angles(down, 0.0, lean) * -Vector3::y();
+        let ahead = (Vector3::z() - up * up.z).normalize();
+        let depth = |cell: usize| -> f32 {
+            let ray = optics.cell_point(cell, 1.0).map(f64::from);
+            let to_floor = 1.3 / -ray.dot(&up).min(-1e-9);
+            let to_table = 0.6 / -ray.dot(&up).min(-1e-9);
+            let to_wall = 4.0 / ray.dot(&ahead).max(1e-9);
+            let nearest = if ray.x < -0.2 && to_table < 2.0 {
+                to_table
+            } else {
+                to_floor
+            };
+            nearest.min(to_wall) as f32
+        };
+        let depth_m: Vec<f32> = (0..optics.cell_count()).map(depth).collect();
+        Coarse {
+            near_m: depth_m.clone(),
+            far_m: depth_m.clone(),
+            moving: vec![false; depth_m.len()],
+            depth_m,
+        }
+    }
+
+    #[track_caller]
+    fn check_floor(down: f64, lean: f64) {
+        let optics = optics();
+        let floor = find_floor(
+            &optics,
+            &room(&optics, down, lean),
+            &mut Pcg64::seed_from_u64(1),
+        );
+        let floor = floor.expect("half of the view is floor");
+        assert!(
+            (floor.height_m - 1.3).abs() < 0.02,
+            "{down} down, {lean} leaning: {floor:?}"
+        );
+        let pose = first_pose(Some(&floor), 9.9, 0.5);
+        let off = pose.rotation * floor.normal - Vector3::z();
+        assert!(off.norm() < 1e-9, "up stays up");
+        let axis = pose.rotation * Vector3::z();
+        assert!(
+            (axis.y.atan2(axis.x) - 0.5).abs() < 1e-9,
+            "the optical axis has the heading"
+        );
+        let origin = pose * Point3::origin();
+        assert!(origin.x.abs() < 1e-12 && origin.y.abs() < 1e-12);
+    }
+
+    #[test]
+    fn the_floor_is_found_beneath_a_table_and_before_a_wall() {
+        check_floor(0.4, 0.0);
+        check_floor(0.6, 0.2);
+        check_floor(0.3, -0.3);
+    }
+
+    #[test]
+    fn without_a_floor_the_camera_is_level_at_the_given_height() {
+        let optics = optics();
+        let empty = Coarse {
+            depth_m: vec![0.0; optics.cell_count()],
+            near_m: vec![0.0; optics.cell_count()],
+            ..Coarse::default()
+        };
+        assert!(find_floor(&optics, &empty, &mut Pcg64::seed_from_u64(1)).is_none());
+        let pose = first_pose(None, 1.5, 0.0);
+        assert!((pose * Point3::new(0.0, 0.0, 2.0) - Point3::new(2.0, 0.0, 1.5)).norm() < 1e-12);
+    }
+}

@@ -50,6 +50,7 @@ mod motion;
 mod optics;
 mod pyramid;
 mod relocalise;
+mod revisit;
 mod settings;
 mod slam;
 mod solver;

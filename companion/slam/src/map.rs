@@ -186,6 +186,37 @@ impl Map {
         }
     }
 
+    /// Notes that a keyframe's feature, so far nothing, shows a point that it does not show elsewhere.
+    pub(crate) fn attach(&mut self, keyframe: KeyframeId, feature: usize, id: PointId) {
+        let Some(k) = self.keyframes.get_mut(&keyframe) else {
+            return;
+        };
+        let slot = self.slots.get_mut(id.slot as usize);
+        let Some(point) = slot
+            .filter(|s| s.generation == id.generation)
+            .and_then(|s| s.point.as_mut())
+        else {
+            return;
+        };
+        if k.points[feature].is_none() && point.views.iter().all(|&(k, _)| k != keyframe) {
+            k.points[feature] = Some(id);
+            point.views.push((keyframe, feature as u32));
+        }
+    }
+
+    /// Two points are one: the views of `copy` become those of `original`.
+    pub(crate) fn merge(&mut self, copy: PointId, original: PointId) {
+        let views = self
+            .point(copy)
+            .map(|p| p.views.clone())
+            .unwrap_or_default();
+        self.remove_point(copy);
+        for (keyframe, feature) in views {
+            self.attach(keyframe, feature as usize, original);
+        }
+        self.redescribe(original);
+    }
+
     /// Takes one view away from a point; a point without views goes.
     pub(crate) fn remove_view(&mut self, id: PointId, keyframe: KeyframeId) {
         let Some(point) = self.point_mut(id) else {

@@ -11,7 +11,7 @@ use crate::settings::Settings;
 
 /// Notes which of the points that should be in view were found.
 pub(crate) fn count_found(optics: &Optics, map: &mut Map, now: &Sighting, pose: &Isometry3<f64>) {
-    for id in expected_points(optics, map, now, pose) {
+    for id in expected_points(optics, map, &now.coarse, pose) {
         if let Some(point) = map.point_mut(id) {
             point.expected += 1;
         }

@@ -137,7 +137,8 @@ pub(crate) fn match_map(
         if known.binary_search(&id).is_ok() {
             continue;
         }
-        let Some((ideal, octave)) = in_view(optics, now, point, (pose, &camera_from_world)) else {
+        let Some((ideal, octave)) = in_view(optics, &now.coarse, point, (pose, &camera_from_world))
+        else {
             continue;
         };
         let found = now.most_similar(&Wanted {
@@ -160,12 +161,12 @@ pub(crate) fn match_map(
 pub(crate) fn expected_points(
     optics: &Optics,
     map: &Map,
-    now: &Sighting,
+    coarse: &Coarse,
     pose: &Isometry3<f64>,
 ) -> Vec<PointId> {
     let camera_from_world = pose.inverse();
     map.points()
-        .filter(|(_, point)| in_view(optics, now, point, (pose, &camera_from_world)).is_some())
+        .filter(|(_, point)| in_view(optics, coarse, point, (pose, &camera_from_world)).is_some())
         .map(|(id, _)| id)
         .collect()
 }
@@ -173,7 +174,7 @@ pub(crate) fn expected_points(
 /// The pixel and pyramid level at which a point should be found.
 fn in_view(
     optics: &Optics,
-    now: &Sighting,
+    coarse: &Coarse,
     point: &MapPoint,
     (pose, camera_from_world): (&Isometry3<f64>, &Isometry3<f64>),
 ) -> Option<([f64; 2], u8)> {
@@ -192,13 +193,13 @@ fn in_view(
     }
     let visible = optics
         .cell_of(&in_camera.cast())
-        .is_none_or(|cell| !now.coarse.hides(cell, in_camera.z as f32));
+        .is_none_or(|cell| !coarse.hides(cell, in_camera.z as f32));
     visible.then(|| (ideal, point.octave_at(distance)))
 }
 
-/// Pairs of features of a frame with map points of a keyframe, by description alone and mutually best.
+/// Pairs of `features` with map points of a keyframe, by description alone and mutually best.
 pub(crate) fn match_descriptions(
-    now: &Sighting,
+    features: &[Feature],
     map: &Map,
     points: &[Option<PointId>],
 ) -> Vec<(usize, PointId, u32)> {
@@ -208,8 +209,8 @@ pub(crate) fn match_descriptions(
         .filter_map(|&id| Some((id, map.point(id)?.descriptor)))
         .collect();
     let mut best_of_point = vec![(usize::MAX, u32::MAX); known.len()];
-    let mut best_of_feature = vec![(usize::MAX, u32::MAX, u32::MAX); now.features.len()];
-    for (i, feature) in now.features.iter().enumerate() {
+    let mut best_of_feature = vec![(usize::MAX, u32::MAX, u32::MAX); features.len()];
+    for (i, feature) in features.iter().enumerate() {
         for (j, (_, descriptor)) in known.iter().enumerate() {
             let distance = feature.descriptor.distance(descriptor);
             let of_feature = &mut best_of_feature[i];

@@ -18,6 +18,9 @@ const LONGEST_S: f64 = 0.3;
 /// A step this much off the guess is a jump, not motion.
 const JUMP_M: f64 = 0.3;
 const JUMP_RAD: f64 = 0.35;
+/// So much may bundle adjustment move a pose without it being called a jump.
+const CORRECTION_M: f64 = 0.05;
+const CORRECTION_RAD: f64 = 0.05;
 
 impl Motion {
     pub(crate) fn at_rest(at: Stamp, pose: Isometry3<f64>) -> Self {
@@ -53,6 +56,12 @@ impl Motion {
             self.angular = step.rotation.scaled_axis() / dt;
         }
         (self.at, self.pose) = (at, pose);
+    }
+
+    /// Whether `pose` corrects the last one by so much that a controller must know.
+    pub(crate) fn is_off(&self, pose: &Isometry3<f64>) -> bool {
+        let off = self.pose.inverse() * pose;
+        off.translation.vector.norm() > CORRECTION_M || off.rotation.angle() > CORRECTION_RAD
     }
 
     /// The last pose was in fact this one; the velocity stays.

@@ -7,6 +7,7 @@ use nalgebra::{Isometry3, Matrix3, Point3, Rotation3, Translation3, UnitQuaterni
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::Rng as _;
 
+use crate::features::Feature;
 use crate::map::{Map, PointId};
 use crate::matching::{Sighting, match_descriptions};
 use crate::optics::Optics;
@@ -28,25 +29,40 @@ pub(crate) fn relocalise(
     points: &[Option<PointId>],
     rng: &mut Pcg64,
 ) -> Option<Isometry3<f64>> {
-    let matches = match_descriptions(now, map, points);
+    let matches = match_descriptions(&now.features, map, points);
+    let (pose, agreeing) = consensus_of((optics, map), &now.features, matches, rng)?;
+    now.forget_matches();
+    for (feature, id, distance) in agreeing {
+        now.claim(feature, id, distance);
+    }
+    Some(pose)
+}
+
+/// A feature, the point it may be, and in how many bits they differ.
+type Match = (usize, PointId, u32);
+
+/// The pose on which most matches agree, and those that do.
+pub(crate) fn consensus_of(
+    (optics, map): (&Optics, &Map),
+    features: &[Feature],
+    matches: Vec<Match>,
+    rng: &mut Pcg64,
+) -> Option<(Isometry3<f64>, Vec<Match>)> {
     let mut pairs = Vec::new();
     let mut names = Vec::new();
-    for (feature, id, distance) in matches {
-        let f = &now.features[feature];
-        if let (Some(depth), Some(point)) = (f.depth_m, map.point(id)) {
+    for found in matches {
+        let f = &features[found.0];
+        if let (Some(depth), Some(point)) = (f.depth_m, map.point(found.1)) {
             pairs.push(Pair {
                 in_world: point.position,
                 in_camera: optics.lift(f.ideal, depth),
             });
-            names.push((feature, id, distance));
+            names.push(found);
         }
     }
     let (pose, agrees) = consensus(&pairs, rng)?;
-    now.forget_matches();
-    for ((feature, id, distance), _) in names.into_iter().zip(agrees).filter(|&(_, a)| a) {
-        now.claim(feature, id, distance);
-    }
-    Some(pose)
+    let agreeing = names.into_iter().zip(agrees).filter(|&(_, a)| a);
+    Some((pose, agreeing.map(|(found, _)| found).collect()))
 }
 
 /// `world_from_camera` on which at least 12 pairs agree, and which do.
@@ -112,4 +128,53 @@ fn align(pairs: &[&Pair]) -> Option<Isometry3<f64>> {
         Translation3::from(translation),
         rotation,
     ))
+}
+
+#[cfg(test)]
+mod tests {
+    use rand_pcg::rand_core::SeedableRng as _;
+
+    use super::*;
+
+    fn pairs(truth: &Isometry3<f64>, count: i32, wrong_every: i32) -> Vec<Pair> {
+        let wave = |i: i32, f: f64| (f64::from(i) * f).sin();
+        (0..count)
+            .map(|i| {
+                let in_camera = Vector3::new(wave(i, 1.3), wave(i, 2.3), 3.0 + wave(i, 0.9));
+                let there = if i % wrong_every == 0 {
+                    in_camera.yzx()
+                } else {
+                    in_camera
+                };
+                Pair {
+                    in_world: (truth * Point3::from(there)).coords,
+                    in_camera,
+                }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_motion_most_pairs_agree_on_is_found_though_half_are_wrong() {
+        let truth = Isometry3::new(Vector3::new(1.0, 2.0, 3.0), Vector3::new(0.5, -1.0, 2.0));
+        let (found, agrees) =
+            consensus(&pairs(&truth, 60, 2), &mut Pcg64::seed_from_u64(1)).expect("30 pairs agree");
+        assert!((truth.inverse() * found).translation.vector.norm() < 1e-6);
+        assert!(agrees.iter().skip(1).step_by(2).all(|&a| a));
+    }
+
+    #[test]
+    fn too_few_pairs_and_pairs_on_a_line_decide_nothing() {
+        let truth = Isometry3::identity();
+        let mut rng = Pcg64::seed_from_u64(1);
+        assert!(consensus(&pairs(&truth, 11, 100), &mut rng).is_none());
+        let line: Vec<Pair> = (0..40)
+            .map(|i| Vector3::new(0.1 * f64::from(i), 0.0, 2.0))
+            .map(|p| Pair {
+                in_world: p,
+                in_camera: p,
+            })
+            .collect();
+        assert!(consensus(&line, &mut rng).is_none());
+    }
 }

@@ -19,6 +19,7 @@ use crate::mapping;
 use crate::matching::Sighting;
 use crate::motion::Motion;
 use crate::optics::Optics;
+use crate::revisit;
 use crate::settings::{Moving, Settings};
 use crate::solver::Fit;
 use crate::tracked::{FrameError, Overlay, State, Tracked};
@@ -328,8 +329,10 @@ impl Slam {
         };
         let id = self.map.add_keyframe(keyframe);
         mapping::forget_seen_through(&self.optics, &mut self.map, id);
-        mapping::add_points(&self.optics, &mut self.map, id);
         self.window.push_back(id);
+        let window = self.window.make_contiguous();
+        revisit::correct_drift(&self.optics, &mut self.map, window, &mut self.rng);
+        mapping::add_points(&self.optics, &mut self.map, id);
         mapping::adjust_window(&self.optics, &mut self.map, self.window.make_contiguous());
         while self.window.len() > self.settings.window.max(2) {
             if let Some(oldest) = self.window.pop_front() {
@@ -340,6 +343,9 @@ impl Slam {
         if let Some(k) = self.map.keyframes.get_mut(&id) {
             k.tracked = k.points.iter().flatten().count();
             self.last.sighting.points.clone_from(&k.points);
+            if self.last.motion.is_off(&k.world_from_camera) {
+                self.reset_counter = self.reset_counter.wrapping_add(1);
+            }
             self.last.motion.correct(k.world_from_camera);
         }
         self.last.frames_since_keyframe = 0;

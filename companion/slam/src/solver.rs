@@ -249,3 +249,134 @@ fn descend(
     }
     Some(pose)
 }
+
+#[cfg(test)]
+mod tests {
+    use maps::camera::Pinhole;
+    use rand_pcg::Pcg64;
+    use rand_pcg::rand_core::{Rng as _, SeedableRng as _};
+
+    use super::*;
+
+    const CAMERA: Pinhole = Pinhole {
+        width: 640,
+        height: 480,
+        fx: 540.0,
+        fy: 540.0,
+        cx: 320.0,
+        cy: 240.0,
+        distortion: [0.0; 5],
+    };
+
+    /// About normal, with standard deviation 1: a sum of uniform numbers.
+    fn normal(rng: &mut Pcg64) -> f64 {
+        (0..12).map(|_| uniform(rng)).sum::<f64>() - 6.0
+    }
+
+    fn uniform(rng: &mut Pcg64) -> f64 {
+        (rng.next_u64() >> 11) as f64 / (1u64 << 53) as f64
+    }
+
+    /// Sights of random points with the assumed noise; every `wrong`th is of somewhere else.
+    fn sights(
+        optics: &Optics,
+        truth: &Isometry3<f64>,
+        rng: &mut Pcg64,
+        wrong: usize,
+    ) -> Vec<Sight> {
+        (0..100)
+            .map(|i| {
+                let depth = 1.0 + 3.0 * uniform(rng);
+                let pixel = [640.0 * uniform(rng), 480.0 * uniform(rng)];
+                let in_camera = optics.lift(pixel, depth);
+                let shift = if i % wrong == wrong - 1 { 60.0 } else { 0.0 };
+                let inverse = depth.recip() + INVERSE_DEPTH_SIGMA * normal(rng);
+                Sight {
+                    point: (truth * nalgebra::Point3::from(in_camera)).coords,
+                    seen: Seen {
+                        pixel: [pixel[0] + shift + normal(rng), pixel[1] + normal(rng)],
+                        depth_m: (i % 3 > 0).then_some(inverse.recip()),
+                        sigma: 1.0,
+                    },
+                }
+            })
+            .collect()
+    }
+
+    fn truth() -> Isometry3<f64> {
+        Isometry3::new(Vector3::new(1.0, -2.0, 0.5), Vector3::new(0.3, 1.1, -0.4))
+    }
+
+    #[test]
+    fn the_pose_is_found_among_wrong_matches() {
+        let optics = Optics::new(CAMERA);
+        let sights = sights(&optics, &truth(), &mut Pcg64::seed_from_u64(3), 4);
+        let start = boxplus(
+            &truth(),
+            &Vector6::new(0.05, -0.04, 0.06, 0.03, 0.02, -0.03),
+        );
+        let fit = fit_pose(&optics, &start, &sights).expect("75 good sights");
+        let off = truth().inverse() * fit.world_from_camera;
+        assert!(off.translation.vector.norm() < 0.02, "{off:?}");
+        let wrong = fit.agrees.iter().skip(3).step_by(4).filter(|&&a| a).count();
+        assert_eq!(wrong, 0, "no wrong match may agree");
+        assert!(fit.agreeing >= 65, "{} of 75 good ones agree", fit.agreeing);
+    }
+
+    #[test]
+    fn the_error_is_as_large_as_the_covariance_says() {
+        let optics = Optics::new(CAMERA);
+        let mut rng = Pcg64::seed_from_u64(5);
+        let runs = 200;
+        let mut sum = 0.0;
+        for _ in 0..runs {
+            let sights = sights(&optics, &truth(), &mut rng, 1000);
+            let fit = fit_pose(&optics, &truth(), &sights).expect("100 good sights");
+            let off = truth().inverse() * fit.world_from_camera;
+            let (t, r) = (off.translation.vector, off.rotation.scaled_axis());
+            let xi = Vector6::new(t.x, t.y, t.z, r.x, r.y, r.z);
+            let information = fit.covariance.try_inverse().expect("a covariance");
+            sum += (xi.transpose() * information * xi)[0];
+        }
+        // χ² with 6 degrees of freedom: 6 on average, ±0.25 (one standard deviation) over 200 runs. Tails cut by the
+        // gates and a covariance that never shrinks leave it a little off.
+        let mean = sum / f64::from(runs);
+        assert!(
+            (4.5..=7.5).contains(&mean),
+            "squared error of {mean} covariances"
+        );
+    }
+
+    #[test]
+    fn too_few_or_degenerate_points_give_no_pose() {
+        let optics = Optics::new(CAMERA);
+        let few = &sights(&optics, &truth(), &mut Pcg64::seed_from_u64(3), 1000)[..5];
+        assert!(fit_pose(&optics, &truth(), few).is_none(), "five points");
+        let behind = vec![
+            Sight {
+                point: Vector3::new(0.0, 0.0, -1.0),
+                seen: few[0].seen,
+            };
+            20
+        ];
+        assert!(
+            fit_pose(&optics, &Isometry3::identity(), &behind).is_none(),
+            "all behind"
+        );
+    }
+
+    #[test]
+    fn the_derivatives_are_those_of_the_residuals() {
+        let optics = Optics::new(CAMERA);
+        let sight = sights(&optics, &truth(), &mut Pcg64::seed_from_u64(9), 1000).remove(1);
+        let q = Vector3::new(0.4, -0.3, 2.0);
+        let at = |q: &Vector3<f64>| residual(&optics, q, &sight.seen).expect("in front");
+        for axis in 0..3 {
+            let mut step = Vector3::zeros();
+            step[axis] = 1e-6;
+            let numeric = (at(&(q + step)).value - at(&(q - step)).value) / 2e-6;
+            let off = (numeric - at(&q).by_point.column(axis)).norm();
+            assert!(off < 1e-3, "axis {axis}: {off} off, of hundreds");
+        }
+    }
+}
