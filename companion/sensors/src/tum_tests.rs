@@ -186,7 +186,8 @@ fn after_an_error_there_are_no_more_frames() {
     assert_eq!(source.next_frame().expect("ended"), None);
 }
 
-/// An excerpt of TUM's `freiburg1_xyz` beside the repository, 18 images of each kind, of which 17 are pairs; `folder` is its twin where they are absent.
+/// An excerpt of a recording beside the repository, 18 images of each kind, of which 17 are pairs; `folder` is its twin
+/// where it is absent.
 #[test]
 fn the_real_excerpt_has_17_frames_of_a_room() {
     let path = Path::new(concat!(
@@ -222,7 +223,7 @@ fn the_real_excerpt_has_17_frames_of_a_room() {
         assert!(count > 100_000, "a third of the pixels at least: {count}");
         assert!(
             (0.5..4.0).contains(&mean_m),
-            "an office desk is {mean_m} m away"
+            "the walls are {mean_m} m away on average"
         );
     }
 }
