@@ -1,0 +1,75 @@
+//! The command line.
+
+use std::path::PathBuf;
+
+use anyhow::Result;
+use clap::{Parser, Subcommand};
+use companion::config::Config;
+
+/// The on-board service: sensors to SLAM to a map on the wire.
+#[derive(Parser)]
+#[command(version)]
+pub(crate) struct Arguments {
+    #[command(subcommand)]
+    pub(crate) command: Command,
+}
+
+#[derive(Subcommand)]
+pub(crate) enum Command {
+    /// Maps what the camera sees and serves the map until it is stopped.
+    Run {
+        #[command(flatten)]
+        options: Options,
+        /// Folder in TUM layout or MCAP file, instead of the configured one.
+        #[arg(long, value_name = "PATH")]
+        source: Option<PathBuf>,
+        /// Prints the configuration, defaults included, and ends.
+        #[arg(long)]
+        print_config: bool,
+    },
+    /// Processes a recording as fast as it goes, without links, and writes its map, trajectory and figures.
+    Replay {
+        /// Folder in TUM layout or MCAP file.
+        source: PathBuf,
+        #[command(flatten)]
+        options: Options,
+    },
+    /// Checks configuration, source, camera, links, disk and clock: one line each, ok or what to do.
+    Doctor {
+        #[command(flatten)]
+        options: Options,
+        /// Folder in TUM layout or MCAP file, instead of the configured one.
+        #[arg(long, value_name = "PATH")]
+        source: Option<PathBuf>,
+        /// How long to listen for the autopilot.
+        #[arg(long, default_value_t = 3.0, value_parser = seconds)]
+        listen_s: f64,
+    },
+}
+
+#[derive(clap::Args)]
+pub(crate) struct Options {
+    /// Configuration file; the defaults without.
+    #[arg(short, long, value_name = "FILE")]
+    config: Option<PathBuf>,
+    /// Folder for what is written, instead of the configured one.
+    #[arg(long, value_name = "DIR")]
+    out: Option<PathBuf>,
+}
+
+fn seconds(text: &str) -> Result<f64, String> {
+    let value = text.parse().ok().filter(|s| (0.0..=60.0).contains(s));
+    value.ok_or_else(|| "expected 0 to 60 seconds".to_owned())
+}
+
+impl Options {
+    /// The configuration with what the command line says instead.
+    pub(crate) fn read(self, source: Option<PathBuf>) -> Result<Config> {
+        let mut config = self
+            .config
+            .map_or(Ok(Config::default()), |path| Config::read(&path))?;
+        config.source.path = source.unwrap_or(config.source.path);
+        config.output.dir = self.out.unwrap_or(config.output.dir);
+        Ok(config)
+    }
+}

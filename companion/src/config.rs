@@ -1,0 +1,313 @@
+//! The configuration file: what flies, where its pictures come from, where its links go.
+//!
+//! Every key has a default with which the companion runs against the simulator; names end in their units; a key that
+//! does not exist is an error. [`Config::check`] turns the file into [`Settings`], where nothing can be wrong any more.
+
+mod settings;
+
+use std::fs;
+use std::io;
+use std::path::{Path, PathBuf};
+
+use sensors::mcap::Topics;
+use sensors::tum::{self, MissingImages};
+use serde::{Deserialize, Serialize};
+
+pub use settings::{MappingSettings, Settings, SourceSettings};
+
+/// Why a configuration cannot be used.
+#[derive(Debug, thiserror::Error)]
+pub enum ConfigError {
+    /// The file cannot be read.
+    #[error("cannot read {}: check the path given with -c", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The file is not TOML, or has a key that does not exist.
+    #[error("cannot understand {}", path.display())]
+    Parse {
+        /// The file.
+        path: PathBuf,
+        /// Where and why.
+        source: Box<toml::de::Error>,
+    },
+    /// A value that makes no sense.
+    #[error("{key} is {value}, expected {expected}")]
+    Value {
+        /// The key with its table.
+        key: &'static str,
+        /// What it is.
+        value: String,
+        /// What it should be.
+        expected: &'static str,
+    },
+}
+
+/// The whole file.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct Config {
+    /// `[vehicle]`
+    pub vehicle: VehicleTable,
+    /// `[source]`
+    pub source: SourceTable,
+    /// `[camera]`
+    pub camera: CameraTable,
+    /// `[mount]`
+    pub mount: MountTable,
+    /// `[slam]`
+    pub slam: SlamTable,
+    /// `[map]`
+    pub map: MapTable,
+    /// `[links]`
+    pub links: LinksTable,
+    /// `[origin]`; without it the origin is the autopilot's.
+    pub origin: Option<OriginTable>,
+    /// `[output]`
+    pub output: OutputTable,
+}
+
+/// `[vehicle]`: whose companion this is.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct VehicleTable {
+    /// What it does.
+    pub role: Role,
+    /// MAVLink system id of the vehicle, 1..=254; its autopilot has the same.
+    pub system_id: u8,
+    /// MAVLink component id of the companion: 191 is the first on-board computer.
+    pub component_id: u8,
+}
+
+/// What a companion does.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Role {
+    /// On the drone: maps what its camera sees and streams the map.
+    Uav,
+}
+
+/// `[source]`: where colour and depth come from.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SourceTable {
+    /// A folder in TUM layout or an MCAP file. A relative path starts at the configuration file.
+    pub path: PathBuf,
+    /// How fast a recording is played.
+    pub pace: Pace,
+    /// TUM folders: the value of a depth pixel at 1 m.
+    pub depth_factor: f64,
+    /// TUM folders: how far apart the colour and the depth image of a frame may be.
+    pub max_difference_ms: f64,
+    /// TUM folders: `"error"` refuses a folder in which listed images are missing, `"skip"` leaves their frames out.
+    pub missing_images: MissingImages,
+    /// MCAP files: the names of the channels.
+    pub topics: Topics,
+}
+
+/// How fast a recording is played.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Pace {
+    /// As it was recorded; falls behind rather than leave out a frame.
+    Recorded,
+    /// As fast as it can be processed.
+    Fast,
+}
+
+/// `[camera]`: the camera of a TUM folder; an MCAP file brings its own.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct CameraTable {
+    /// Image width.
+    pub width_px: usize,
+    /// Image height.
+    pub height_px: usize,
+    /// Focal length along x.
+    pub fx_px: f64,
+    /// Focal length along y.
+    pub fy_px: f64,
+    /// Principal point.
+    pub cx_px: f64,
+    /// Principal point.
+    pub cy_px: f64,
+    /// `[k1, k2, p1, p2, k3]`, as ROS's `plumb_bob` and `OpenCV` have them.
+    pub distortion: [f64; 5],
+}
+
+/// `[mount]`: where the camera sits on the vehicle; all zero is at its reference point, looking ahead.
+#[derive(Clone, Debug, Default, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MountTable {
+    /// Ahead of the reference point.
+    pub forward_m: f64,
+    /// To its left.
+    pub left_m: f64,
+    /// Above it.
+    pub up_m: f64,
+    /// Turned to the left about the vertical.
+    pub turned_left_deg: f64,
+    /// Tilted down; 90 looks at the ground.
+    pub tilted_down_deg: f64,
+    /// Rolled to the right about the view ray.
+    pub rolled_right_deg: f64,
+}
+
+/// `[slam]`: where the world is at the start.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct SlamTable {
+    /// Where the camera looks at the start: counter-clockwise from east.
+    pub initial_heading_deg: f64,
+    /// How high it is above the floor where no floor is in view at the start.
+    pub initial_height_m: f64,
+}
+
+/// `[map]`
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct MapTable {
+    /// Edge of a voxel.
+    pub resolution_m: f64,
+    /// What is seen from farther away is not mapped.
+    pub max_range_m: f64,
+    /// How often changed tiles are given to the link, in the recording's time.
+    pub tile_period_s: f64,
+}
+
+/// `[links]`: MAVLink. An empty string is no link.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct LinksTable {
+    /// The vehicle's autopilot; Tandem's own messages never go there.
+    pub autopilot: String,
+    /// The ground station: the companion's own radio, not one behind the autopilot.
+    pub ground: String,
+    /// How much of the ground link the map may take.
+    pub map_bytes_per_s: u32,
+}
+
+/// `[origin]`: where the world's origin is on earth (WGS-84).
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct OriginTable {
+    /// Latitude, north positive.
+    pub lat_deg: f64,
+    /// Longitude, east positive.
+    pub lon_deg: f64,
+    /// Height above the ellipsoid.
+    pub alt_m: f64,
+}
+
+/// `[output]`
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(default, deny_unknown_fields)]
+pub struct OutputTable {
+    /// Folder for the report, the trajectory and the map; made if absent. A relative path starts where the program
+    /// was started, as that of `--out`.
+    pub dir: PathBuf,
+}
+
+impl Default for VehicleTable {
+    fn default() -> Self {
+        Self {
+            role: Role::Uav,
+            system_id: 1,
+            component_id: 191,
+        }
+    }
+}
+
+impl Default for SourceTable {
+    fn default() -> Self {
+        let tum = tum::Settings::default();
+        Self {
+            path: PathBuf::new(),
+            pace: Pace::Recorded,
+            depth_factor: tum.depth_factor,
+            max_difference_ms: tum.max_difference.as_secs_f64() * 1e3,
+            missing_images: tum.missing_images,
+            topics: Topics::default(),
+        }
+    }
+}
+
+/// The camera that TUM recommends for its recordings where no calibration is at hand.
+impl Default for CameraTable {
+    fn default() -> Self {
+        Self {
+            width_px: 640,
+            height_px: 480,
+            fx_px: 525.0,
+            fy_px: 525.0,
+            cx_px: 319.5,
+            cy_px: 239.5,
+            distortion: [0.0; 5],
+        }
+    }
+}
+
+impl Default for SlamTable {
+    fn default() -> Self {
+        Self {
+            initial_heading_deg: 0.0,
+            initial_height_m: 1.5,
+        }
+    }
+}
+
+impl Default for MapTable {
+    fn default() -> Self {
+        Self {
+            resolution_m: 0.05,
+            max_range_m: 5.0,
+            tile_period_s: 1.0,
+        }
+    }
+}
+
+impl Default for LinksTable {
+    fn default() -> Self {
+        Self {
+            autopilot: "udpin:127.0.0.1:14561".into(),
+            ground: "udpout:127.0.0.1:14550".into(),
+            map_bytes_per_s: 500_000,
+        }
+    }
+}
+
+impl Default for OutputTable {
+    fn default() -> Self {
+        Self { dir: "out".into() }
+    }
+}
+
+impl Config {
+    /// Reads a file; a relative source path in it starts at the file.
+    pub fn read(path: &Path) -> Result<Self, ConfigError> {
+        let text = fs::read_to_string(path).map_err(|source| ConfigError::Read {
+            path: path.to_owned(),
+            source,
+        })?;
+        let mut config: Self = toml::from_str(&text).map_err(|source| ConfigError::Parse {
+            path: path.to_owned(),
+            source: Box::new(source),
+        })?;
+        let source = &mut config.source.path;
+        if !source.as_os_str().is_empty() {
+            *source = path.parent().unwrap_or(Path::new("")).join(&source);
+        }
+        Ok(config)
+    }
+
+    /// The file as it would have to be written to get this.
+    pub fn to_toml(&self) -> Result<String, toml::ser::Error> {
+        toml::to_string_pretty(self)
+    }
+}
+
+#[cfg(test)]
+mod tests;

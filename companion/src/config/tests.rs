@@ -1,0 +1,135 @@
+use maps::frame::Point;
+
+use super::*;
+
+fn sound() -> Config {
+    let mut config = Config::default();
+    config.source.path = "flight.mcap".into();
+    config
+}
+
+#[test]
+fn the_defaults_fly_once_there_is_a_source() {
+    let settings = sound().check().expect("sound");
+    assert_eq!(settings.address.to_string(), "1/191");
+    assert!(settings.autopilot.is_some() && settings.ground.is_some());
+}
+
+#[test]
+fn what_is_printed_is_read_back() {
+    let mut config = sound();
+    config.origin = Some(OriginTable {
+        lat_deg: 47.0,
+        lon_deg: 8.0,
+        alt_m: 400.0,
+    });
+    let text = config.to_toml().expect("prints");
+    assert_eq!(toml::from_str::<Config>(&text).expect("reads"), config);
+}
+
+#[test]
+fn a_typo_names_the_line_and_the_keys_there_are() {
+    let error = toml::from_str::<Config>("[map]\nresolution = 0.1").expect_err("a typo");
+    let text = error.to_string();
+    assert!(text.contains("line 2"), "{text}");
+    assert!(text.contains("`resolution_m`"), "{text}");
+}
+
+#[track_caller]
+fn check_refused(toml: &str, words: &[&str]) {
+    let mut config: Config = toml::from_str(toml).expect("well-formed");
+    if !toml.contains("path") {
+        config.source.path = "flight.mcap".into();
+    }
+    let text = config.check().expect_err("makes no sense").to_string();
+    for word in words {
+        assert!(text.contains(word), "`{word}` is not in: {text}");
+    }
+}
+
+#[test]
+fn a_value_that_makes_no_sense_is_refused_with_its_key_and_what_it_should_be() {
+    check_refused("source.path = \"\"", &["source.path", "--source"]);
+    check_refused(
+        "vehicle.system_id = 0",
+        &["vehicle.system_id is 0", "1 to 254"],
+    );
+    check_refused("vehicle.component_id = 1", &["vehicle.component_id", "191"]);
+    check_refused("map.resolution_m = 0.0", &["map.resolution_m is 0", "0.01"]);
+    check_refused("map.resolution_m = nan", &["map.resolution_m is NaN"]);
+    check_refused("map.max_range_m = inf", &["map.max_range_m is inf"]);
+    check_refused("camera.fx_px = -500.0", &["camera.fx_px is -500"]);
+    check_refused("camera.width_px = 0", &["camera.width_px is 0"]);
+    check_refused("camera.cx_px = 900.0", &["camera.cx_px", "in the image"]);
+    check_refused(
+        "links.ground = \"tcp:a\"",
+        &["links.ground", "udpout:HOST:PORT"],
+    );
+    check_refused("links.map_bytes_per_s = 5", &["links.map_bytes_per_s"]);
+    check_refused(
+        "source.depth_factor = 0.0",
+        &["source.depth_factor", "5000"],
+    );
+    check_refused("mount.tilted_down_deg = nan", &["mount.tilted_down_deg"]);
+    check_refused(
+        "origin = { lat_deg = 91.0, lon_deg = 0.0, alt_m = 0.0 }",
+        &["origin.lat_deg is 91"],
+    );
+}
+
+#[test]
+fn an_empty_link_is_none() {
+    let mut config = sound();
+    config.links.autopilot.clear();
+    assert_eq!(config.check().expect("sound").autopilot, None);
+}
+
+/// Where does a camera mounted like this look, in the body's frame?
+#[track_caller]
+fn check_view_ray(mount: &MountTable, expected: [f64; 3]) {
+    let body_from_camera = mount.check().expect("sound");
+    let ahead = body_from_camera * Point::new(0.0, 0.0, 1.0);
+    let [x, y, z] = expected;
+    assert!(
+        (ahead - Point::new(x, y, z)).norm() < 1e-12,
+        "{mount:?} looks at {ahead:?}"
+    );
+}
+
+#[test]
+fn the_mount_turns_the_camera_as_its_words_say() {
+    let level = MountTable::default();
+    check_view_ray(&level, [1.0, 0.0, 0.0]);
+    check_view_ray(
+        &MountTable {
+            tilted_down_deg: 90.0,
+            up_m: 0.5,
+            ..level.clone()
+        },
+        [0.0, 0.0, -0.5],
+    );
+    check_view_ray(
+        &MountTable {
+            turned_left_deg: 90.0,
+            ..level.clone()
+        },
+        [0.0, 1.0, 0.0],
+    );
+    let rolled = MountTable {
+        rolled_right_deg: 90.0,
+        ..level
+    };
+    // Rolled to the right, the image's upper edge is on the right.
+    let up = rolled.check().expect("sound") * Point::new(0.0, -1.0, 0.0);
+    assert!((up - Point::new(0.0, -1.0, 0.0)).norm() < 1e-12, "{up:?}");
+}
+
+#[test]
+fn the_examples_are_sound() {
+    let folder = concat!(env!("CARGO_MANIFEST_DIR"), "/config");
+    for entry in fs::read_dir(folder).expect("a folder") {
+        let path = entry.expect("a file").path();
+        let config = Config::read(&path).expect("readable");
+        config.check().expect("sound");
+    }
+}

@@ -1,0 +1,291 @@
+//! What `companion doctor` looks at before a flight: one line for each check, "ok" or what to do.
+
+use std::collections::BTreeSet;
+use std::fmt;
+use std::fs;
+use std::path::Path;
+use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::time::Duration;
+
+use maps::camera::Pinhole;
+use maps::time::Stamp;
+use mavlink_ext::dialect::tandem::{HEARTBEAT_DATA, MavAutopilot, MavType};
+use mavlink_ext::link::{Link, LinkUri};
+use mavlink_ext::{Address, Message};
+use sensors::RgbdSource;
+
+use crate::clock::{Clock, since_1970};
+use crate::config::Settings;
+use crate::output;
+use crate::pipeline::{self, chain};
+
+/// 1 January 2026, in seconds since 1970: a clock before that was never set.
+const CLOCK_WAS_NEVER_SET: u64 = 1_767_225_600;
+
+/// One thing looked at.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Check {
+    /// What.
+    pub name: &'static str,
+    /// What was found.
+    pub finding: Finding,
+}
+
+/// What was found.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Finding {
+    /// In order, with the figures.
+    Ok(String),
+    /// It flies, but somebody should know.
+    Note(String),
+    /// What is wrong, and what to do.
+    Failed(String),
+}
+
+impl fmt::Display for Check {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let (verdict, text) = match &self.finding {
+            Finding::Ok(text) => ("ok", text),
+            Finding::Note(text) => ("note", text),
+            Finding::Failed(text) => ("FAIL", text),
+        };
+        write!(f, "{verdict:4} {}: {text}", self.name)
+    }
+}
+
+impl Check {
+    /// Whether the companion should not fly like this.
+    pub fn has_failed(&self) -> bool {
+        matches!(self.finding, Finding::Failed(_))
+    }
+
+    fn new(name: &'static str, outcome: Result<String, String>) -> Self {
+        let finding = outcome.map_or_else(Finding::Failed, Finding::Ok);
+        Self { name, finding }
+    }
+}
+
+/// Looks at everything; listens on the links for `listen`.
+pub fn examine(settings: &Settings, clock: Clock, listen: Duration, mut tell: impl FnMut(Check)) {
+    match pipeline::open_source(&settings.source) {
+        Ok(mut source) => {
+            tell(Check::new("source", check_source(source.as_mut())));
+            tell(check_camera(&source.camera()));
+        }
+        Err(error) => tell(Check::new("source", Err(chain(&error)))),
+    }
+    for check in check_links(settings, clock, listen) {
+        tell(check);
+    }
+    tell(check_dialect_path(settings));
+    tell(Check::new("disk", check_disk(&settings.out)));
+    tell(Check::new("clock", check_clock(since_1970())));
+}
+
+fn check_source(source: &mut dyn RgbdSource) -> Result<String, String> {
+    let count = source.frame_count();
+    let first = source.next_frame().map_err(|error| chain(&error))?;
+    let first = first.ok_or("it has no frames: choose another recording")?;
+    let seen = first.depth_m.iter().filter(|&&depth| depth > 0.0).count();
+    let share = 100 * seen / first.depth_m.len().max(1);
+    if share < 5 {
+        return Err(format!(
+            "only {share} % of the first frame has depth: check the depth camera and source.depth_factor"
+        ));
+    }
+    let count = count.map_or("unknown number of".to_owned(), |n| n.to_string());
+    let truth = source.truth().len();
+    Ok(format!(
+        "{}, {count} frames, {share} % of the first has depth, {truth} true poses",
+        source.name()
+    ))
+}
+
+fn check_camera(camera: &Pinhole) -> Check {
+    let Pinhole {
+        width,
+        height,
+        fx,
+        fy,
+        cx,
+        cy,
+        ..
+    } = *camera;
+    let centered = |center: f64, side: usize| (0.3..0.7).contains(&(center / side as f64));
+    let plausible = centered(cx, width)
+        && centered(cy, height)
+        && (0.9..1.1).contains(&(fx / fy))
+        && (0.2..4.0).contains(&(fx / width as f64));
+    let text = format!(
+        "{width} x {height}, focal length {fx:.1} x {fy:.1}, centre {cx:.1}, {cy:.1} pixels"
+    );
+    let outcome = if plausible {
+        Ok(text)
+    } else {
+        Err(format!(
+            "{text}: that is no common lens; calibrate the camera or correct [camera]"
+        ))
+    };
+    Check::new("camera", outcome)
+}
+
+/// Who was heard on a link.
+#[derive(Default)]
+struct Heard {
+    autopilots: BTreeSet<Address>,
+    ground_stations: BTreeSet<Address>,
+}
+
+impl Heard {
+    fn take(&mut self, from: Address, heartbeat: &HEARTBEAT_DATA) {
+        if heartbeat.mavtype == MavType::MAV_TYPE_GCS {
+            self.ground_stations.insert(from);
+        } else if heartbeat.autopilot != MavAutopilot::MAV_AUTOPILOT_INVALID {
+            self.autopilots.insert(from);
+        }
+    }
+}
+
+fn check_links(settings: &Settings, clock: Clock, listen: Duration) -> Vec<Check> {
+    // Both are open at the same time, as in flight.
+    let autopilot = settings.autopilot.as_ref().map(Listener::open);
+    let ground = settings.ground.as_ref().map(Listener::open);
+    let deadline = clock.now() + listen;
+    let own_autopilot = Address {
+        component: mavlink_ext::ComponentId(1),
+        ..settings.address
+    };
+    let autopilot = match autopilot {
+        None => Finding::Note("no link configured: nothing is told where the vehicle is".into()),
+        Some(Err(error)) => Finding::Failed(error),
+        Some(Ok(listener)) => {
+            let heard = listener.listen(clock, deadline, |heard| {
+                heard.autopilots.contains(&own_autopilot)
+            });
+            judge_autopilot(&heard, own_autopilot, &listener.uri, listen)
+        }
+    };
+    let ground = match ground {
+        None => {
+            Finding::Failed("no link configured: the map would go nowhere; set links.ground".into())
+        }
+        Some(Err(error)) => Finding::Failed(error),
+        Some(Ok(listener)) => {
+            let heard = listener.listen(clock, deadline, |heard| !heard.ground_stations.is_empty());
+            match heard.ground_stations.first() {
+                Some(address) => {
+                    Finding::Ok(format!("{}, ground station {address} heard", listener.uri))
+                }
+                None => Finding::Ok(format!("{}, no ground station heard yet", listener.uri)),
+            }
+        }
+    };
+    vec![
+        Check {
+            name: "autopilot link",
+            finding: autopilot,
+        },
+        Check {
+            name: "ground link",
+            finding: ground,
+        },
+    ]
+}
+
+fn judge_autopilot(heard: &Heard, own: Address, uri: &str, listen: Duration) -> Finding {
+    if let Some(station) = heard.ground_stations.first() {
+        return Finding::Note(format!(
+            "{uri}: ground station {station} speaks through the autopilot, which drops Tandem's messages: it needs \
+             links.ground too"
+        ));
+    }
+    if heard.autopilots.contains(&own) {
+        return Finding::Ok(format!("{uri}, autopilot {own} heard"));
+    }
+    let others: Vec<String> = heard.autopilots.iter().map(ToString::to_string).collect();
+    Finding::Failed(if others.is_empty() {
+        format!(
+            "{uri}: autopilot {own} not heard within {} s: check its power, cable and that its telemetry goes to this link",
+            listen.as_secs_f64()
+        )
+    } else {
+        format!(
+            "{uri}: autopilot {own} not heard, only {}: correct vehicle.system_id",
+            others.join(", ")
+        )
+    })
+}
+
+/// An open link with what comes in.
+struct Listener {
+    uri: String,
+    heartbeats: Receiver<(Address, HEARTBEAT_DATA)>,
+    _link: Link,
+}
+
+impl Listener {
+    fn open(uri: &LinkUri) -> Result<Self, String> {
+        let (sender, heartbeats) = sync_channel(64);
+        let link = Link::open(&uri.to_string(), move |frame| {
+            if let Ok(Message::HEARTBEAT(heartbeat)) = frame.decode() {
+                // Full: 64 of them are enough to know who is there.
+                let _delivered = sender.try_send((frame.from(), heartbeat));
+            }
+        });
+        let link = link.map_err(|error| {
+            format!(
+                "{}: is another companion running, or another program on this port?",
+                chain(&error)
+            )
+        })?;
+        Ok(Self {
+            uri: uri.to_string(),
+            heartbeats,
+            _link: link,
+        })
+    }
+
+    fn listen(&self, clock: Clock, deadline: Stamp, enough: impl Fn(&Heard) -> bool) -> Heard {
+        let mut heard = Heard::default();
+        while !enough(&heard) {
+            match self.heartbeats.recv_timeout(deadline.since(clock.now())) {
+                Ok((from, heartbeat)) => heard.take(from, &heartbeat),
+                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => break,
+            }
+        }
+        heard
+    }
+}
+
+/// Whether our own messages would have to pass through a flight controller, whose router drops unknown ids.
+fn check_dialect_path(settings: &Settings) -> Check {
+    let outcome = match (&settings.autopilot, &settings.ground) {
+        (Some(autopilot), Some(ground)) if autopilot == ground => Err(format!(
+            "links.autopilot and links.ground are both {ground}: Tandem's messages would pass through the flight \
+             controller, which drops them; give the ground station its own link"
+        )),
+        (_, None) => Err("without links.ground Tandem's messages would have to pass through the flight controller, \
+             which drops them; give the ground station its own link"
+            .to_owned()),
+        (_, Some(ground)) => Ok(format!("goes to {ground} only, past the flight controller")),
+    };
+    Check::new("dialect", outcome)
+}
+
+fn check_disk(out: &Path) -> Result<String, String> {
+    let probe = out.join(".doctor");
+    output::write_atomically(&probe, |_file| Ok(())).map_err(|error| chain(&error))?;
+    fs::remove_file(&probe)
+        .map_err(|error| format!("cannot remove {}: {error}", probe.display()))?;
+    Ok(format!("{} can be written", out.display()))
+}
+
+fn check_clock(since_1970: Duration) -> Result<String, String> {
+    let seconds = since_1970.as_secs();
+    if seconds < CLOCK_WAS_NEVER_SET {
+        return Err(format!(
+            "the calendar clock is {seconds} s after 1970, so it was never set: connect to an NTP server or GPS"
+        ));
+    }
+    Ok(format!("{seconds} s after 1970"))
+}

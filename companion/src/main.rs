@@ -1,0 +1,118 @@
+//! `companion`: the on-board service of a vehicle.
+
+mod cli;
+mod progress;
+
+use std::io::{self, Write as _};
+use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
+use std::time::Duration;
+
+use anyhow::{Context as _, Result, bail};
+use clap::Parser as _;
+use companion::clock::Clock;
+use companion::config::{Config, Settings};
+use companion::doctor::{self, Check, Finding};
+use companion::event::Event;
+use companion::replay::{Continue, replay};
+use companion::runtime::{self, Events};
+use tracing_subscriber::EnvFilter;
+
+use crate::cli::{Arguments, Command};
+use crate::progress::ProgressLine;
+
+fn main() -> Result<ExitCode> {
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new("info"));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(io::stderr)
+        .init();
+    let clock = Clock::start();
+    match Arguments::parse().command {
+        Command::Run {
+            options,
+            source,
+            print_config,
+        } => {
+            let config = options.read(source)?;
+            if print_config {
+                write!(io::stdout(), "{}", config.to_toml()?)?;
+            } else {
+                run(&config.check()?, clock)?;
+            }
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Replay { source, options } => {
+            replay_one(&options.read(Some(source))?.check()?, clock)?;
+            Ok(ExitCode::SUCCESS)
+        }
+        Command::Doctor {
+            options,
+            source,
+            listen_s,
+        } => {
+            let listen = Duration::from_secs_f64(listen_s);
+            Ok(examine(options.read(source), clock, listen))
+        }
+    }
+}
+
+fn run(settings: &Settings, clock: Clock) -> Result<()> {
+    let events = Events::default();
+    let sender = events.sender();
+    // Waits if the queue is full; fails only when the service has ended anyway.
+    let stop = move || sender.send((clock.now(), Event::Stop)).unwrap_or_default();
+    ctrlc::set_handler(stop).context("cannot handle ctrl-c and SIGTERM")?;
+    runtime::run(settings, clock, events).context("companion run")
+}
+
+fn replay_one(settings: &Settings, clock: Clock) -> Result<()> {
+    let stopped = Arc::new(AtomicBool::new(false));
+    let stop = Arc::clone(&stopped);
+    ctrlc::set_handler(move || stop.store(true, Ordering::Relaxed))
+        .context("cannot handle ctrl-c and SIGTERM")?;
+    let mut bar = ProgressLine::new();
+    let report = replay(settings, clock, |progress| {
+        bar.show(progress);
+        if stopped.load(Ordering::Relaxed) {
+            Continue::No
+        } else {
+            Continue::Yes
+        }
+    })?;
+    writeln!(io::stdout(), "{}", serde_json::to_string_pretty(&report)?)?;
+    if !report.source_finished {
+        bail!(
+            "stopped after {} frames; what was there is in {}",
+            report.frames,
+            settings.out.display()
+        );
+    }
+    Ok(())
+}
+
+fn examine(config: Result<Config>, clock: Clock, listen: Duration) -> ExitCode {
+    let mut sound = true;
+    let mut tell = |check: Check| {
+        sound &= !check.has_failed();
+        writeln!(io::stdout(), "{check}").unwrap_or_default();
+    };
+    let checked = config.and_then(|config| Ok(config.check()?));
+    let finding = checked.as_ref().map_or_else(
+        |e| Finding::Failed(format!("{e:#}")),
+        |_| Finding::Ok("sound".into()),
+    );
+    tell(Check {
+        name: "config",
+        finding,
+    });
+    if let Ok(settings) = checked {
+        doctor::examine(&settings, clock, listen, tell);
+    }
+    if sound {
+        ExitCode::SUCCESS
+    } else {
+        ExitCode::FAILURE
+    }
+}

@@ -1,0 +1,148 @@
+//! From camera frames to a map, without threads and clocks.
+//!
+//! Every frame is tracked. A keyframe goes into the map when its pose has settled, so that nothing has to be taken out
+//! again; changed tiles are handed out once in a period of the *recording's* time, all with one version. The same
+//! recording thus gives the same map and the same tiles, however fast it is played.
+
+use std::time::Duration;
+
+use maps::camera::{Pinhole, RgbdFrame};
+use maps::frame::{Camera, Isometry, World};
+use maps::scan::Scan;
+use maps::tile::Tile;
+use maps::time::Stamp;
+use maps::voxel::{MapDigest, Rgb, VoxelMap};
+use slam::{DenseKeyframe, FrameError, Slam, Tracked};
+
+use crate::config::MappingSettings;
+
+/// Tiles that have changed, and the map they are part of.
+#[derive(Clone, Debug)]
+pub struct MapUpdate {
+    /// The changed tiles, in order of their ids, with their new version.
+    pub tiles: Vec<Tile>,
+    /// The whole map with these tiles in it.
+    pub map: MapFigures,
+}
+
+/// How large the map is, and which it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MapFigures {
+    /// Digest of the whole map.
+    pub digest: MapDigest,
+    /// Tiles in it.
+    pub tiles: usize,
+    /// Occupied voxels in it.
+    pub voxels_occupied: usize,
+    /// Free and occupied voxels in it.
+    pub voxels_known: usize,
+}
+
+/// SLAM and the map it fills.
+pub struct Mapper {
+    slam: Slam,
+    map: VoxelMap,
+    max_range_m: f64,
+    tile_period: Duration,
+    last_update: Option<Stamp>,
+    version: u64,
+}
+
+impl Mapper {
+    /// Starts with an empty map.
+    pub fn new(camera: Pinhole, settings: &MappingSettings) -> Self {
+        let slam = slam::Settings {
+            initial_heading_rad: settings.initial_heading_rad,
+            initial_height_m: settings.initial_height_m,
+            ..slam::Settings::default()
+        };
+        Self {
+            slam: Slam::new(camera, slam),
+            map: VoxelMap::new(settings.resolution_m),
+            max_range_m: settings.max_range_m,
+            tile_period: settings.tile_period,
+            last_update: None,
+            version: 0,
+        }
+    }
+
+    /// Where the camera was when it took the frame.
+    pub fn track(&mut self, frame: &RgbdFrame) -> Result<Tracked, FrameError> {
+        self.slam.track(frame)
+    }
+
+    /// Puts the keyframes that have settled into the map; how many there were.
+    pub fn insert_settled(&mut self) -> usize {
+        let keyframes = self.slam.take_keyframes();
+        self.insert(&keyframes);
+        keyframes.len()
+    }
+
+    /// The tiles that have changed since the last update, if a period of the recording has gone by.
+    pub fn update(&mut self, at: Stamp) -> Option<MapUpdate> {
+        let last = *self.last_update.get_or_insert(at);
+        if at.since(last) < self.tile_period {
+            return None;
+        }
+        self.last_update = Some(at);
+        self.changed()
+    }
+
+    /// Ends the recording: the keyframes that had not settled go into the map, and the last tiles are handed out.
+    pub fn finish(&mut self) -> Option<MapUpdate> {
+        let keyframes = self.slam.finish();
+        self.insert(&keyframes);
+        self.changed()
+    }
+
+    /// The map so far.
+    pub fn map(&self) -> &VoxelMap {
+        &self.map
+    }
+
+    /// How large the map is so far; takes time in proportion.
+    pub fn figures(&self) -> MapFigures {
+        MapFigures {
+            digest: self.map.digest(),
+            tiles: self.map.tile_ids().len(),
+            voxels_occupied: self.map.occupied_count(),
+            voxels_known: self.map.known_count(),
+        }
+    }
+
+    /// Where the camera was in every tracked frame, by all that is known now.
+    pub fn trajectory(&self) -> Vec<(Stamp, Isometry<World, Camera>)> {
+        self.slam.trajectory()
+    }
+
+    fn insert(&mut self, keyframes: &[DenseKeyframe]) {
+        for keyframe in keyframes {
+            let place = |(p, _): &(_, _)| keyframe.world_from_camera * *p;
+            let hits: Vec<_> = keyframe.points.iter().map(place).collect();
+            let colors: Vec<Rgb> = keyframe.points.iter().map(|&(_, c)| Rgb(c)).collect();
+            self.map.insert_scan(&Scan {
+                origin: keyframe.world_from_camera.translation(),
+                hits: &hits,
+                colors: &colors,
+                max_range_m: self.max_range_m,
+            });
+        }
+    }
+
+    fn changed(&mut self) -> Option<MapUpdate> {
+        let ids = self.map.take_changed_tiles();
+        if ids.is_empty() {
+            return None;
+        }
+        self.version += 1;
+        let versioned = |id| {
+            let mut tile = self.map.tile(id)?;
+            tile.version = self.version;
+            Some(tile)
+        };
+        Some(MapUpdate {
+            tiles: ids.into_iter().filter_map(versioned).collect(),
+            map: self.figures(),
+        })
+    }
+}
