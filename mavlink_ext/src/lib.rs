@@ -11,6 +11,10 @@
 //! - [`command`]: commands and their acknowledgements, both ends.
 //! - [`mission`]: the mission protocol, both ends.
 //! - [`object`]: whole objects over lossy links, with a fountain code.
+//! - [`params`]: parameters, both ends.
+//! - [`router`]: which links a frame goes out on.
+//! - [`timesync`]: how a peer's clock relates to ours.
+//! - [`tlog`]: telemetry logs.
 //! - [`service`]: the form that all services have.
 
 pub mod command;
@@ -19,8 +23,12 @@ pub mod dialect;
 pub mod link;
 pub mod mission;
 pub mod object;
+pub mod params;
 pub mod presence;
+pub mod router;
 pub mod service;
+pub mod timesync;
+pub mod tlog;
 pub mod wire;
 
 #[cfg(test)]
