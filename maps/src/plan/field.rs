@@ -1,8 +1,8 @@
 //! The cost of the way to the goal for a disc that fits inside the vehicle: a guide around obstacles for the search.
 //!
 //! Dijkstra's algorithm over the cells, from the goal outwards, eight neighbours each. The disc is the largest one around
-//! the footprint's middle, without any margin and with half a cell's diagonal of benefit of the doubt, so that where the
-//! disc cannot go no vehicle can. It stops soon after the start is reached.
+//! the footprint's middle, with its margins and half a cell's diagonal of benefit of the doubt, so that where the disc
+//! cannot go no vehicle can. It stops soon after the start is reached.
 
 use std::cmp::Reverse;
 use std::collections::BinaryHeap;
@@ -42,8 +42,7 @@ impl Field {
             field.costs[goal] = 0.0;
             queue.push(Reverse(entry(0.0, goal)));
         }
-        let radius = passable_from(checker, costs);
-        let (forbidden, per_metre) = (checker.forbidden(), costs.per_metre());
+        let (passable, per_metre) = (checker.disc_may_be(), costs.per_metre());
         let start = index(start);
         let mut enough = f32::INFINITY;
         let half = 0.5 * grid.resolution_m() as f32;
@@ -65,7 +64,7 @@ impl Field {
                 else {
                     continue;
                 };
-                if u >= width || v >= height || forbidden[v * width + u] < radius {
+                if u >= width || v >= height || !passable[v * width + u] {
                     continue;
                 }
                 let to = v * width + u;
@@ -83,13 +82,6 @@ impl Field {
     pub(crate) fn cost_from(&self, x: usize, y: usize) -> f64 {
         f64::from(self.costs[y * self.width + x].min(self.frontier))
     }
-}
-
-/// Least distance to what hinders at the middle of a cell that the disc may enter.
-fn passable_from(checker: &Checker<'_>, costs: &CostModel<'_>) -> f32 {
-    let doubt = std::f64::consts::FRAC_1_SQRT_2 * costs.grid().resolution_m();
-    // Not below half a cell: the middle of a cell that hinders is at 0.
-    (checker.footprint.inradius() - doubt).max(f64::EPSILON) as f32
 }
 
 /// Costs are not negative, so their bits are in their order.

@@ -40,6 +40,11 @@ impl Footprint {
         self.half_length.min(self.half_width)
     }
 
+    /// How far any point of the rectangle moves at most while the reference point drives a metre.
+    pub(crate) fn sweep(&self) -> f64 {
+        self.sweep
+    }
+
     /// The rectangle's centre, (x, y).
     pub(crate) fn center(&self, pose: &Pose2) -> [f64; 2] {
         pose.ahead(self.center_ahead)
@@ -205,11 +210,6 @@ impl<'a> Checker<'a> {
         self.grid
     }
 
-    /// Distance between the poses that a motion is judged at where there is no room to spare.
-    pub(crate) fn step_m(&self) -> f64 {
-        self.step_m
-    }
-
     /// Clearance required, with the pad for the steps between judged poses.
     pub(crate) fn margin_m(&self) -> f64 {
         self.blocked.margin_m
@@ -323,12 +323,15 @@ impl<'a> Checker<'a> {
     /// Distance from the footprint at `pose` to the nearest blocked cell, exactly up to `enough_m`.
     pub(crate) fn clearance_m(&self, pose: &Pose2, enough_m: f64) -> f64 {
         let [x, y] = self.footprint.center(pose);
-        let bound = self.grid.clearance_m(x, y) - self.footprint.circumradius;
+        let around = self.grid.clearance_m(x, y);
+        let bound = around - self.footprint.circumradius;
         if bound >= enough_m {
             return bound;
         }
+        // The rectangle is no farther away than its middle, of which the lower bound is at most a diagonal too small.
+        let reach = enough_m.min(around + 1.5 * self.grid.resolution_m());
         let rectangle = self.footprint.rectangle(pose);
-        nearest(self.grid, self.grid.to_blocked(), &rectangle, enough_m)
+        nearest(self.grid, self.grid.to_blocked(), &rectangle, reach)
     }
 
     /// Whether the footprint at `pose` lies on ground that may be driven over, whatever is near it.
@@ -340,11 +343,32 @@ impl<'a> Checker<'a> {
         })
     }
 
-    /// Distances from the middle of each cell to whatever the footprint must not cover, row by row.
-    pub(crate) fn forbidden(&self) -> &[f32] {
-        self.untrusted
-            .as_ref()
-            .map_or(&self.blocked.distances, |layer| &layer.distances)
+    /// Where the largest disc around the footprint's middle may be, cell by cell, with half a cell's diagonal of benefit
+    /// of the doubt: where it may not, no vehicle may.
+    pub(crate) fn disc_may_be(&self) -> Vec<bool> {
+        let doubt = std::f64::consts::FRAC_1_SQRT_2 * self.grid.resolution_m();
+        let radius = self.footprint.inradius() - doubt;
+        // The start's surroundings are those of the reference point.
+        let near_start = self.start_radius_m + self.footprint.center_ahead + doubt;
+        let start = [self.start.x_m, self.start.y_m];
+        let layers: Vec<&Layer<'a>> = self.layers().collect();
+        self.grid
+            .cells()
+            .enumerate()
+            .map(|(i, (index, _))| {
+                let [x, y] = self.grid.center_of(index);
+                let from_start = (x - start[0]).hypot(y - start[1]);
+                layers.iter().all(|layer| {
+                    let margin = if from_start <= near_start {
+                        layer.start_margin_m
+                    } else {
+                        layer.margin_m
+                    };
+                    let distance = f64::from(layer.distances[i]);
+                    distance > 0.0 && distance >= radius + margin
+                })
+            })
+            .collect()
     }
 }
 

@@ -5,8 +5,9 @@
 //! without obstacles ([`super::reeds_shepp`]). Now and then, the more often the nearer, those shortest ways are tried as
 //! the rest of the path.
 //!
-//! The disc's way has eight directions and is the middle's, not the rear axle's, so the estimate can be some percent too
-//! large and a path is not proven to be the cheapest; it is accepted within [`GOOD_ENOUGH`] of the estimate.
+//! The estimate does not see how the vehicle must turn, and a search that trusts the cost alone floods every room with
+//! poses before it leaves it. What is left therefore counts more than what was driven ([`GREED`]): the path is not proven
+//! to be the cheapest, and is shortened afterwards.
 
 use std::cmp::Ordering;
 use std::collections::BinaryHeap;
@@ -29,9 +30,12 @@ pub(crate) struct Problem<'a> {
     pub(crate) goals: &'a [Pose2],
 }
 
+/// How much more what is left counts than what was driven. With 1, the search gives up on 8 of the 200 problems in the
+/// bench's maze after 2 s each; with 1.5 it solves all of them, the slowest in 0.2 s.
+const GREED: f64 = 1.5;
 const HEADINGS: usize = 72;
 const NO_NODE: u32 = u32::MAX;
-/// A path is accepted if it costs no more than this times the least estimate of the open poses.
+/// A path is accepted if it costs no more than this times the least priority of the open poses.
 const GOOD_ENOUGH: f64 = 1.1;
 /// The shortest ways tried per pose and goal.
 const WORDS_TRIED: usize = 4;
@@ -194,7 +198,7 @@ impl<'a> Search<'a> {
                 if had_none && self.finish.is_some() {
                     budget = max_expansions.min(2 * self.expansions + 200);
                 }
-                until_try = ((estimate - cost) / (4.0 * self.arcs[0].length_m())) as usize;
+                until_try = ((estimate - cost) / (4.0 * GREED * self.arcs[0].length_m())) as usize;
             } else {
                 until_try -= 1;
             }
@@ -268,7 +272,7 @@ impl<'a> Search<'a> {
         let gear = node.motion.map_or(Gear::Forward, |m| m.gear());
         *self.best.slot(cell, node.pose.heading_rad, gear) = id;
         self.open.push(Entry {
-            estimate: node.cost + left,
+            estimate: node.cost + GREED * left,
             node: id,
         });
         self.nodes.push(node);

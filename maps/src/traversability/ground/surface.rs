@@ -26,7 +26,7 @@ pub(super) struct Surface {
 /// Cells to either side of the median.
 const MEDIAN_CELLS: usize = 2;
 /// A plane needs this many heights.
-const LEAST_HEIGHTS: usize = 6;
+const LEAST_HEIGHTS: i64 = 6;
 
 impl Surface {
     /// From the topmost voxel of the ground in each cell.
@@ -99,11 +99,17 @@ fn square(cell: usize, width: usize, count: usize, reach: usize) -> impl Iterato
 }
 
 fn median_around(ground: &[Option<i32>], width: usize, cell: usize) -> Option<f32> {
-    let mut heights: Vec<i32> = square(cell, width, ground.len(), MEDIAN_CELLS)
-        .filter_map(|other| ground[other])
-        .collect();
+    let mut heights = [0; (2 * MEDIAN_CELLS + 1).pow(2)];
+    let mut count = 0;
+    for other in square(cell, width, ground.len(), MEDIAN_CELLS) {
+        if let Some(z) = ground[other] {
+            heights[count] = z;
+            count += 1;
+        }
+    }
+    let heights = &mut heights[..count];
     heights.sort_unstable();
-    let last = heights.len().checked_sub(1)?;
+    let last = count.checked_sub(1)?;
     Some(0.5 * (heights[last / 2] + heights[last.div_ceil(2)]) as f32)
 }
 
@@ -154,33 +160,49 @@ fn plane_around(
     if labels[cell] == 0 {
         return Plane::default();
     }
-    let (x, y) = ((cell % width) as f32, (cell / width) as f32);
-    let around: Vec<[f32; 3]> = square(cell, width, ground.len(), reach)
-        .filter(|&other| labels[other] == labels[cell])
-        .filter_map(|other| {
-            let z = ground[other]?;
-            Some([
-                (other % width) as f32 - x,
-                (other / width) as f32 - y,
-                z as f32,
-            ])
-        })
-        .collect();
-    if around.len() < LEAST_HEIGHTS {
+    let (x, y) = (cell % width, cell / width);
+    let base = ground[cell].unwrap_or(0);
+    // Sums of 1, x, y, z and of their products, exact in integers; all seen from the cell.
+    let (mut n, mut s, mut m) = (0_i64, [0_i64; 3], [0_i64; 6]);
+    for other in square(cell, width, ground.len(), reach) {
+        if labels[other] != labels[cell] {
+            continue;
+        }
+        let Some(z) = ground[other] else {
+            continue;
+        };
+        let along = |to: usize, from: usize| {
+            let distance = to.abs_diff(from) as u32;
+            if to < from {
+                -i64::from(distance)
+            } else {
+                i64::from(distance)
+            }
+        };
+        let (dx, dy) = (along(other % width, x), along(other / width, y));
+        let dz = i64::from(z) - i64::from(base);
+        n += 1;
+        for (sum, value) in s.iter_mut().zip([dx, dy, dz]) {
+            *sum += value;
+        }
+        let products = [dx * dx, dx * dy, dy * dy, dx * dz, dy * dz, dz * dz];
+        for (sum, value) in m.iter_mut().zip(products) {
+            *sum += value;
+        }
+    }
+    if n < LEAST_HEIGHTS {
         return Plane::default();
     }
-    let n = around.len() as f32;
-    let mean = |axis: usize| around.iter().map(|p| p[axis]).sum::<f32>() / n;
-    let means = [mean(0), mean(1), mean(2)];
-    let moment = |a: usize, b: usize| {
-        around
-            .iter()
-            .map(|p| (p[a] - means[a]) * (p[b] - means[b]))
-            .sum::<f32>()
-            / n
-    };
-    let (xx, xy, yy) = (moment(0, 0), moment(0, 1), moment(1, 1));
-    let (xz, yz, zz) = (moment(0, 2), moment(1, 2), moment(2, 2));
+    plane(n, s, m)
+}
+
+/// The plane z = a + b·x + c·y from the sums `s` of x, y, z and `m` of xx, xy, yy, xz, yz, zz over `n` points.
+fn plane(n: i64, s: [i64; 3], m: [i64; 6]) -> Plane {
+    let n = n as f32;
+    let mean = s.map(|sum| sum as f32 / n);
+    let moment = |sum: i64, a: usize, b: usize| sum as f32 / n - mean[a] * mean[b];
+    let (xx, xy, yy) = (moment(m[0], 0, 0), moment(m[1], 0, 1), moment(m[2], 1, 1));
+    let (xz, yz, zz) = (moment(m[3], 0, 2), moment(m[4], 1, 2), moment(m[5], 2, 2));
     let determinant = xx * yy - xy * xy;
     // A single line of cells says nothing about the slope across it.
     if determinant < 0.05 {
