@@ -1,3 +1,5 @@
 //! End-to-end tests, one module per user story.
 
 mod architecture;
+mod mission;
+mod peers;

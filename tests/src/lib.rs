@@ -1,1 +1,3 @@
-//! End-to-end tests, and the mission of `make demo`.
+//! What runs the whole team at once: the mission of `make demo`, which the end-to-end tests drive too.
+
+pub mod demo;

@@ -1,0 +1,91 @@
+//! An operator runs one mission with the real programs, and other people's tools read what it leaves behind.
+
+use std::fs;
+use std::path::{Path, PathBuf};
+use std::time::Instant;
+
+use octomap::referee::Referee;
+use tests::demo::{self, Options, Scenario, Show, Window};
+
+use crate::peers;
+
+/// The programs that this test run has built, beside the folder of the tests.
+fn programs() -> PathBuf {
+    let test = std::env::current_exe().expect("a running test has a path");
+    let programs = test
+        .parent()
+        .and_then(Path::parent)
+        .expect("target/PROFILE/deps/test")
+        .to_owned();
+    for name in ["companion", "groundstation", "sitl"] {
+        assert!(
+            programs.join(name).is_file(),
+            "{name} is not built: run `make test`, or `cargo build --bins` first"
+        );
+    }
+    programs
+}
+
+#[test]
+fn a_mission_in_the_simulated_room_succeeds_and_others_can_read_it() {
+    let folder = tempfile::tempdir().expect("a folder for the mission");
+    let out = folder.path().join("mission");
+    let options = Options {
+        programs: programs(),
+        out: out.clone(),
+        window: Window::Headless,
+        show: Show::Nothing,
+    };
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "the mission runs in real time, with real programs"
+    )]
+    let started = Instant::now();
+
+    let report = demo::run(&Scenario::SimulatedRoom, &options, started).unwrap_or_else(|error| {
+        let log = |name: &str| fs::read_to_string(out.join(name)).unwrap_or_default();
+        panic!(
+            "{error:#}\n--- groundstation\n{}\n--- companion\n{}\n--- sitl\n{}",
+            log("groundstation.log"),
+            log("companion.log"),
+            log("sitl.log")
+        )
+    });
+    // Speed is measured by the demo and the benches; a test build on a busy machine says nothing about it.
+    let failures: Vec<_> = report
+        .failures()
+        .into_iter()
+        .filter(|f| !f.starts_with("slam_fps"))
+        .collect();
+    assert_eq!(failures, Vec::<String>::new(), "{report:#?}");
+
+    liboctomap_counts_the_same_occupied_voxels(&out, report.map_voxels_occupied);
+    pymavlink_decodes_every_frame(&out.join("mission.tlog"));
+}
+
+fn liboctomap_counts_the_same_occupied_voxels(out: &Path, occupied: u64) {
+    for name in ["map.ot", "map.bt"] {
+        let tree = Referee::read(&out.join(name)).unwrap_or_else(|error| panic!("{name}: {error}"));
+        assert_eq!(tree.occupied_count(), occupied, "{name}");
+    }
+}
+
+fn pymavlink_decodes_every_frame(tlog: &Path) {
+    let dialect = Path::new(env!("CARGO_MANIFEST_DIR")).join("../mavlink_ext/dialects/tandem.xml");
+    let decoded = peers::python("decode_tlog.py", &[dialect.as_os_str(), tlog.as_os_str()]);
+    let log: serde_json::Value = serde_json::from_str(&decoded).expect("one JSON object");
+    assert_eq!(log["bad"], 0, "{log}");
+    for message in [
+        "TANDEM_ORIGIN",
+        "TANDEM_OBJECT",
+        "TANDEM_SYMBOL",
+        "TANDEM_REPORT",
+        "TANDEM_STATUS",
+        "MISSION_ITEM_INT",
+    ] {
+        assert!(
+            log["messages"][message].as_u64().is_some_and(|n| n > 0),
+            "no {message} in {log}"
+        );
+    }
+}

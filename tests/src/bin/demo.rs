@@ -1,0 +1,67 @@
+//! `make demo`: one mission end to end, its figures in a table and in `out/demo/report.json`.
+
+use std::env;
+use std::io::{self, Write as _};
+use std::path::PathBuf;
+use std::time::Instant;
+
+use anyhow::{Context as _, bail};
+use clap::Parser;
+use tests::demo::{self, Options, Scenario, Show, Window};
+
+/// Runs one mission end to end: a recording becomes a map, the map crosses MAVLink, a rover drives a path planned on it.
+#[derive(Parser)]
+#[command(version)]
+struct Arguments {
+    /// Folder for what the mission leaves behind; cleared first
+    #[arg(long, default_value = "out/demo")]
+    out: PathBuf,
+    /// Recording of walking people in the TUM layout; where there is none, a simulated room is recorded instead
+    #[arg(long, default_value = "../shared/data/rgbd/bonn_crowd_a")]
+    recording: PathBuf,
+    /// Take pictures, open no window even if there is a display
+    #[arg(long)]
+    headless: bool,
+}
+
+fn main() -> anyhow::Result<()> {
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "main reads the clock, for the duration of the mission"
+    )]
+    let started = Instant::now();
+    let arguments = Arguments::parse();
+    let has_display = ["DISPLAY", "WAYLAND_DISPLAY"]
+        .iter()
+        .any(|name| env::var_os(name).is_some_and(|v| !v.is_empty()));
+    let window = if has_display && !arguments.headless {
+        Window::Open
+    } else {
+        Window::Headless
+    };
+    let programs = env::current_exe().context("where is this program?")?;
+    let programs = programs
+        .parent()
+        .context("this program is in no folder")?
+        .to_owned();
+    let scenario = Scenario::for_recording(&arguments.recording);
+
+    let options = Options {
+        programs,
+        out: arguments.out,
+        window,
+        show: Show::Lines,
+    };
+    let report = demo::run(&scenario, &options, started)?;
+    let text = serde_json::to_string_pretty(&report).context("cannot show the report")?;
+    writeln!(
+        io::stdout(),
+        "{text}\n\nin {}: report.json groundstation.png map.ot map.bt mission.tlog",
+        options.out.display()
+    )?;
+    let failures = report.failures();
+    if !failures.is_empty() {
+        bail!("the mission failed: {}", failures.join("; "));
+    }
+    Ok(())
+}

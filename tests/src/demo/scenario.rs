@@ -1,0 +1,140 @@
+//! Where a mission takes place: the recording that the companion sees, and what the operator does there.
+
+use std::path::{Path, PathBuf};
+use std::process::Command;
+use std::time::Duration;
+
+use anyhow::{Context as _, bail, ensure};
+use toml::{Table, Value};
+
+use super::process::Program;
+use super::{Options, Ports, say};
+
+/// A place for a mission.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub enum Scenario {
+    /// An office through which people walk, recorded by the University of Bonn (`rgbd_bonn_crowd`).
+    Office {
+        /// The folder of the recording.
+        recording: PathBuf,
+    },
+    /// A room with moving boxes that the simulator renders.
+    SimulatedRoom,
+}
+
+impl Scenario {
+    /// The office if its recording is there, else the simulated room.
+    pub fn for_recording(recording: &Path) -> Self {
+        if recording.join("rgb.txt").is_file() {
+            Self::Office {
+                recording: recording.to_owned(),
+            }
+        } else {
+            Self::SimulatedRoom
+        }
+    }
+
+    /// Makes what the mission needs before it begins.
+    pub(super) fn prepare(&self, options: &Options) -> anyhow::Result<()> {
+        match self {
+            Self::Office { recording } => say(&format!("recording: {}", recording.display())),
+            Self::SimulatedRoom => {
+                let file = self.source(options);
+                say("no recording of people: the simulator records a room with moving boxes");
+                let mut command = Command::new(options.programs.join("sitl"));
+                command.args([
+                    "run",
+                    "--scene",
+                    "room",
+                    "--seed",
+                    "1",
+                    "--headless",
+                    "--duration",
+                    "15",
+                    "--record",
+                ]);
+                command.arg(&file);
+                let log = options.out.join("record.log");
+                Program::start("record", command, &log, options.show)?
+                    .wait(Duration::from_mins(5))?;
+                ensure!(file.is_file(), "the simulator left no {}", file.display());
+            }
+        }
+        Ok(())
+    }
+
+    /// The companion's configuration: the one that ships with it, on this mission's recording and ports.
+    pub(super) fn companion_config(
+        &self,
+        options: &Options,
+        ports: Ports,
+    ) -> anyhow::Result<Table> {
+        let shipped = match self {
+            Self::Office { .. } => include_str!("../../../companion/config/demo-bonn.toml"),
+            Self::SimulatedRoom => include_str!("../../../companion/config/demo-sitl.toml"),
+        };
+        let mut config: Table = shipped
+            .parse()
+            .context("the companion's configuration for the demo is no TOML")?;
+        let source = std::path::absolute(self.source(options))
+            .context("cannot find the working directory")?;
+        set(&mut config, "source", "path", source.display().to_string());
+        set(
+            &mut config,
+            "links",
+            "autopilot",
+            format!("udpin:127.0.0.1:{}", ports.autopilot),
+        );
+        set(
+            &mut config,
+            "links",
+            "ground",
+            format!("udpout:127.0.0.1:{}", ports.ground),
+        );
+        Ok(config)
+    }
+
+    /// What the operator does, for the ground station's `--script`.
+    pub(super) fn script(&self) -> &'static str {
+        match self {
+            Self::Office { .. } => include_str!("../../demo/office.script"),
+            Self::SimulatedRoom => include_str!("../../demo/room.script"),
+        }
+    }
+
+    /// Where the rover stands at first, on floor that the recording shows, as `sitl run --rover-start` takes it: metres east
+    /// and north of the map's origin, degrees counter-clockwise from east.
+    pub(super) fn rover_start(&self) -> &'static str {
+        match self {
+            Self::Office { .. } => "1.5,0.0,0",
+            Self::SimulatedRoom => "1.5,0.0,0",
+        }
+    }
+
+    fn source(&self, options: &Options) -> PathBuf {
+        match self {
+            Self::Office { recording } => recording.clone(),
+            Self::SimulatedRoom => options.out.join("room.mcap"),
+        }
+    }
+}
+
+fn set(config: &mut Table, section: &str, key: &str, value: String) {
+    if let Some(section) = config.get_mut(section).and_then(Value::as_table_mut) {
+        section.insert(key.to_owned(), Value::String(value));
+    }
+}
+
+/// The mission's origin in a companion's configuration, as `sitl run --origin` takes it.
+pub(super) fn origin(config: &Table) -> anyhow::Result<String> {
+    let origin = config
+        .get("origin")
+        .and_then(Value::as_table)
+        .context("the configuration has no [origin]")?;
+    let numbers =
+        ["lat_deg", "lon_deg", "alt_m"].map(|key| origin.get(key).and_then(Value::as_float));
+    let [Some(lat_deg), Some(lon_deg), Some(alt_m)] = numbers else {
+        bail!("[origin] lacks lat_deg, lon_deg or alt_m")
+    };
+    Ok(format!("{lat_deg},{lon_deg},{alt_m}"))
+}
