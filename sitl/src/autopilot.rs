@@ -28,7 +28,7 @@ use mavlink_ext::dialect::tandem::{
     MavMissionResult, MavSeverity, MavType, ODOMETRY_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
 };
 use mavlink_ext::dialect::{char_array, cmd};
-use mavlink_ext::mission::{MissionChange, MissionItem, Server};
+use mavlink_ext::mission::{MissionChange, MissionFrame, MissionItem, Server};
 use mavlink_ext::service::is_for;
 use mavlink_ext::{Address, Message};
 use nalgebra::Isometry3;
@@ -342,6 +342,10 @@ impl Autopilot {
             )),
             ..truth
         };
+        if self.home.is_none() && self.has_fix(now) {
+            self.home = Some(position);
+            self.out.extend(self.home_position());
+        }
     }
 
     fn move_on(&mut self, now: Stamp, dt: f64) {
@@ -435,6 +439,13 @@ fn accepts(item: &MissionItem, also: &[u16]) -> Result<(), MavMissionResult> {
     ];
     if !BOTH.contains(&item.command) && !also.contains(&item.command) {
         return Err(MavMissionResult::MAV_MISSION_UNSUPPORTED);
+    }
+    let needs_place = matches!(
+        item.command,
+        cmd::NAV_WAYPOINT | cmd::NAV_LOITER_UNLIM | cmd::NAV_LOITER_TIME
+    );
+    if needs_place && item.frame == MissionFrame::Command {
+        return Err(MavMissionResult::MAV_MISSION_UNSUPPORTED_FRAME);
     }
     if !item.alt_m.is_finite() {
         return Err(MavMissionResult::MAV_MISSION_INVALID_PARAM7);

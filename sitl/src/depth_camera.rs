@@ -16,7 +16,7 @@
 use maps::camera::{Pinhole, RgbdFrame};
 use rayon::prelude::*;
 
-use crate::noise::{at_cell, lerp, mix, normal, unit, value};
+use crate::noise::{at_cell, floor, lerp, mix, normal, unit, value};
 use crate::render::Picture;
 
 const BASELINE_M: f32 = 0.095;
@@ -47,9 +47,11 @@ pub fn d455() -> Pinhole {
 /// What the camera delivers of what there is to be seen.
 pub fn expose(picture: &Picture, camera: &Pinhole, seed: u64) -> RgbdFrame {
     let moment = picture.at.as_nanos() ^ seed.rotate_left(32) ^ seed;
+    let focal_baseline = camera.fx as f32 * BASELINE_M;
     let sensor = Sensor {
         picture,
-        focal_baseline: camera.fx as f32 * BASELINE_M,
+        focal_baseline,
+        hidden: shadows(picture, focal_baseline),
         seed: mix(mix(moment as u32) ^ (moment >> 32) as u32),
     };
     let pixels = picture.width * picture.height;
@@ -74,6 +76,7 @@ struct Sensor<'a> {
     picture: &'a Picture,
     /// Disparity in pixels times depth in metres.
     focal_baseline: f32,
+    hidden: Vec<bool>,
     seed: u32,
 }
 
@@ -93,7 +96,7 @@ impl Sensor<'_> {
         self.picture.rgb[i].map(|level| {
             channel += 1;
             let noisy = f32::from(level) + COLOUR_NOISE * normal(self.random(i, channel));
-            noisy.round().clamp(0.0, 255.0) as u8
+            (noisy + 0.5).clamp(0.0, 255.0) as u8
         })
     }
 
@@ -104,7 +107,7 @@ impl Sensor<'_> {
             signed(i / self.picture.width),
         );
         let seen = self.frayed(i, x, y);
-        if seen <= 0.0 || self.is_hole(i, seen) || self.is_shadowed(x, y, seen) {
+        if seen <= 0.0 || self.is_hole(i, seen) || self.hidden[i] {
             return 0.0;
         }
         let window =
@@ -114,15 +117,17 @@ impl Sensor<'_> {
         if !(RANGE_M[0]..=RANGE_M[1]).contains(&measured) {
             return 0.0;
         }
-        (measured * 1000.0).round() / 1000.0
+        f32::from((measured * 1000.0 + 0.5) as u16) / 1000.0
     }
 
     /// The depth that the matching window takes for this pixel's: near an edge, perhaps a neighbour's or a mixture.
     fn frayed(&self, i: usize, x: i32, y: i32) -> f32 {
-        let wobble =
-            |what| (value(x as f32 / 3.0, y as f32 / 3.0, self.seed ^ mix(what)) - 0.5) * 5.0;
+        let wobble = |what| {
+            let noise = value(x as f32 / 3.0, y as f32 / 3.0, self.seed ^ mix(what));
+            floor((noise - 0.5) * 5.0 + 0.5)
+        };
         let here = self.true_depth(x, y);
-        let there = self.true_depth(x + wobble(1).round() as i32, y + wobble(2).round() as i32);
+        let there = self.true_depth(x + wobble(1), y + wobble(2));
         let jump = (here - there).abs() > 0.05 * here.max(there);
         if jump && here > 0.0 && there > 0.0 && self.random(i, 5).is_multiple_of(6) {
             // A flying pixel between foreground and background.
@@ -141,16 +146,28 @@ impl Sensor<'_> {
         let lost = 0.05 + 0.09 * (depth_m / RANGE_M[1]).powi(2);
         self.picture.facing[i] < GRAZING || patch < lost || unit(self.random(i, 8)) < 0.004
     }
+}
 
-    /// Hidden from the right imager by something nearer to the right of it.
-    fn is_shadowed(&self, x: i32, y: i32, depth_m: f32) -> bool {
-        let disparity = self.focal_baseline / depth_m;
-        let farthest = (self.focal_baseline / RANGE_M[0] - disparity).clamp(0.0, 40.0) as i32;
-        (1..=farthest).any(|step| {
-            let near = self.true_depth(x + step, y);
-            near > 0.0 && self.focal_baseline / near - disparity > step as f32 + 1.0
-        })
-    }
+/// Which pixels the right imager does not see, because something nearer to the right of them hides them.
+///
+/// A pixel at column `u` appears in the right image at `u - d`. It is hidden if a pixel further right appears to the
+/// left of it there: the largest disparity-minus-column so far, from the right, decides.
+fn shadows(picture: &Picture, focal_baseline: f32) -> Vec<bool> {
+    let mut hidden = vec![false; picture.depth_m.len()];
+    let rows = hidden.par_chunks_mut(picture.width.max(1));
+    let depths = picture.depth_m.par_chunks(picture.width.max(1));
+    rows.zip(depths).for_each(|(hidden, depths)| {
+        let mut foremost = f32::NEG_INFINITY;
+        for (column, (hidden, &depth_m)) in hidden.iter_mut().zip(depths).enumerate().rev() {
+            if depth_m > 0.0 {
+                let place = focal_baseline / depth_m - column as f32;
+                // A pixel of tolerance: surfaces at a slant do not hide themselves.
+                *hidden = foremost > place + 1.0;
+                foremost = foremost.max(place);
+            }
+        }
+    });
+    hidden
 }
 
 /// An index or size as a coordinate. No picture has two billion pixels.

@@ -17,8 +17,12 @@ pub fn mix(mut x: u32) -> u32 {
 
 /// A number that belongs to a lattice point.
 pub fn at_cell(x: i32, y: i32, seed: u32) -> u32 {
-    mix(mix(mix(seed ^ 0x9e37_79b9).wrapping_add(x.cast_unsigned()))
-        .wrapping_add(y.cast_unsigned()))
+    // Odd multipliers spread neighbouring cells over all bits before they are mixed once.
+    let place =
+        x.cast_unsigned().wrapping_mul(0x9e37_79b1) ^ y.cast_unsigned().wrapping_mul(0x85eb_ca6b);
+    mix(place
+        .wrapping_add(seed.wrapping_mul(0xc2b2_ae35))
+        .wrapping_add(0x27d4_eb2f))
 }
 
 /// A hash as a number in `0.0..1.0`.
@@ -35,9 +39,8 @@ pub fn normal(hash: u32) -> f32 {
 
 /// Smooth lattice noise in `0.0..1.0`, wavelength about 2.
 pub fn value(x: f32, y: f32, seed: u32) -> f32 {
-    let (x0, y0) = (x.floor(), y.floor());
-    let (i, j) = (x0 as i32, y0 as i32);
-    let (u, v) = (fade(x - x0), fade(y - y0));
+    let (i, j) = (floor(x), floor(y));
+    let (u, v) = (fade(x - i as f32), fade(y - j as f32));
     let corner = |di: i32, dj: i32| unit(at_cell(i.wrapping_add(di), j.wrapping_add(dj), seed));
     let low = lerp(corner(0, 0), corner(1, 0), u);
     let high = lerp(corner(0, 1), corner(1, 1), u);
@@ -59,6 +62,13 @@ pub fn octaves(x: f32, y: f32, count: u32, footprint: f32, seed: u32) -> f32 {
         frequency *= 2.17;
     }
     sum
+}
+
+/// The largest integer that is not greater. Baseline x86-64 has no instruction for `f32::floor`, and this is called
+/// some ten million times a picture.
+pub fn floor(x: f32) -> i32 {
+    let towards_zero = x as i32;
+    towards_zero - i32::from(x < towards_zero as f32)
 }
 
 /// How much contrast of a detail of this size is left when a pixel covers `footprint`: 1 if it spans several pixels,

@@ -92,11 +92,10 @@ impl VehicleReport {
         let target = autopilot.last_mission_target().map(|target| target.raw);
         let execution = autopilot.execution();
         let items = autopilot.mission_items();
-        // Item 0 may be the home position, which is not flown to.
         let waypoints = items
             .iter()
             .enumerate()
-            .skip(1)
+            .skip(autopilot.first_item())
             .filter(|(_, item)| item.command == cmd::NAV_WAYPOINT);
         let mut indices = waypoints.map(|(index, _)| index);
         let everywhere = indices.all(|index| execution.reached().contains(&index));

@@ -88,7 +88,7 @@ impl Autopilot {
     }
 
     /// Item 0, unless it is the home position.
-    fn first_item(&self) -> usize {
+    pub(crate) fn first_item(&self) -> usize {
         let first = self.mission.items().first();
         let home = first.is_some_and(|item| {
             item.command == cmd::NAV_WAYPOINT && item.frame == MissionFrame::Global
@@ -123,11 +123,8 @@ impl Autopilot {
 
     /// Starts over.
     pub(super) fn restart_mission(&mut self) {
-        let reached = std::mem::take(&mut self.execution.reached);
         self.execution = Execution {
             current: self.first_item(),
-            // What was reached before counts as reached if the same mission is started again.
-            reached,
             ..Execution::default()
         };
     }
@@ -158,10 +155,10 @@ impl Autopilot {
             };
             self.execution.state = State::Running;
             if goes_somewhere(item.command) {
-                self.begin(now, self.execution.current, &item);
+                self.begin(self.execution.current, &item);
             } else {
                 self.change(&item);
-                self.item_reached(now, self.execution.current);
+                self.item_reached(self.execution.current);
             }
         }
         self.mission.set_current(self.execution.current as u16);
@@ -196,7 +193,7 @@ impl Autopilot {
                 reached_at: Some(now),
                 ..active
             });
-            self.item_reached(now, active.item);
+            self.item_reached(active.item);
         }
         let active = self.execution.active.unwrap_or(active);
         active.reached_at.is_some() && self.held(now, active)
@@ -214,7 +211,7 @@ impl Autopilot {
     }
 
     /// Reports an item and makes the next one current.
-    pub(super) fn item_reached(&mut self, _now: Stamp, item: usize) {
+    pub(super) fn item_reached(&mut self, item: usize) {
         if self.mode != Mode::Auto {
             return;
         }
@@ -238,7 +235,7 @@ impl Autopilot {
         }
     }
 
-    fn begin(&mut self, now: Stamp, index: usize, item: &MissionItem) {
+    fn begin(&mut self, index: usize, item: &MissionItem) {
         let hold = hold_of(item);
         self.execution.active = Some(Active {
             item: index,
@@ -265,12 +262,12 @@ impl Autopilot {
                 self.goal = Goal::Land(at);
             }
             (Kind::Copter, _) => self.goal = Goal::Hover(self.place_of(item)),
-            (Kind::Rover, _) => self.begin_line(now, index),
+            (Kind::Rover, _) => self.begin_line(index),
         }
     }
 
     /// All waypoints that can be driven in one go from this one on.
-    fn begin_line(&mut self, _now: Stamp, first: usize) {
+    fn begin_line(&mut self, first: usize) {
         let mut items = Vec::new();
         let mut points = Vec::new();
         let mut hold = Duration::ZERO;
@@ -347,11 +344,11 @@ impl Autopilot {
     }
 
     /// Copter: it stands again. It disarms, and a mission that ended with a landing is complete.
-    pub(super) fn landed(&mut self, now: Stamp) {
+    pub(super) fn landed(&mut self) {
         if let Some(active) = self.execution.active.take()
             && matches!(self.goal, Goal::Land(_))
         {
-            self.item_reached(now, active.item);
+            self.item_reached(active.item);
             if self.execution.current >= self.mission.items().len() {
                 self.mission_complete();
             }

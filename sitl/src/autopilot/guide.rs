@@ -178,7 +178,7 @@ impl Autopilot {
             self.goal = Goal::Stay;
         }
         for item in reached {
-            self.item_reached(now, item);
+            self.item_reached(item);
         }
         progress.control
     }
@@ -230,7 +230,7 @@ impl Autopilot {
             Duration::from_secs_f64(delay_s)
         };
         if (landing || delay_s > 0.0) && now.since(since) >= patience {
-            self.landed(now);
+            self.landed();
         }
     }
 }

@@ -170,7 +170,8 @@ impl Streams {
     fn interval_of(&self, index: usize, parameters: &Parameters) -> Duration {
         self.asked[index].unwrap_or_else(|| {
             let rate_hz = parameters.get(TABLE[index].rate);
-            if rate_hz > 0.0 {
+            // Slower than this is never; a tiny rate would not fit a span of time.
+            if rate_hz >= 0.001 {
                 Duration::from_secs_f64(1.0 / rate_hz)
             } else {
                 Duration::ZERO

@@ -426,6 +426,9 @@ fn missions_that_the_vehicle_cannot_do_are_refused() {
     let unsupported = Err(MavMissionResult::MAV_MISSION_UNSUPPORTED);
     assert_eq!(reject(reverse), (Ok(()), unsupported));
     assert_eq!(reject(takeoff), (unsupported, Ok(())));
+    let nowhere = MissionItem::command(cmd::NAV_WAYPOINT, [0.0; 4]);
+    let frame = Err(MavMissionResult::MAV_MISSION_UNSUPPORTED_FRAME);
+    assert_eq!(reject(nowhere), (frame, frame));
     let bad = Err(MavMissionResult::MAV_MISSION_INVALID_PARAM7);
     assert_eq!(reject(waypoint(0.0, 0.0, f64::NAN)), (bad, bad));
 }

@@ -3,7 +3,7 @@
 //! Every pattern knows the footprint of a pixel on the surface and leaves out what is finer (band limiting); hard edges
 //! are softened over one footprint. That keeps corners in place from picture to picture, which is what features need.
 
-use crate::noise::{at_cell, lerp, octaves, unit, visible};
+use crate::noise::{at_cell, floor, lerp, octaves, unit, visible};
 
 type Colour = [f32; 3];
 
@@ -96,12 +96,12 @@ struct Cell {
 }
 
 fn cell(u: f32, v: f32, width: f32, height: f32) -> Cell {
-    let (i, j) = ((u / width).floor(), (v / height).floor());
+    let (i, j) = (floor(u / width), floor(v / height));
     Cell {
-        i: i as i32,
-        j: j as i32,
-        x: u - i * width,
-        y: v - j * height,
+        i,
+        j,
+        x: u - i as f32 * width,
+        y: v - j as f32 * height,
     }
 }
 
@@ -151,8 +151,8 @@ fn dots(spot: Spot, pitch: f32, share: f32, seed: u32) -> f32 {
 
 fn planks(spot: Spot, seed: u32) -> Colour {
     let (width, length) = (0.13, 1.1);
-    let row = (spot.v / width).floor();
-    let shift = unit(at_cell(row as i32, 9, seed)) * length;
+    let row = floor(spot.v / width);
+    let shift = unit(at_cell(row, 9, seed)) * length;
     let board = cell(spot.u + shift, spot.v, length, width);
     let tint = lerp(0.55, 1.05, board.random(1, seed));
     let grain = octaves(
@@ -190,9 +190,9 @@ fn plaster(spot: Spot, seed: u32) -> Colour {
 
 fn brick(spot: Spot, seed: u32) -> Colour {
     let (width, height) = (0.25, 0.08);
-    let row = (spot.v / height).floor();
+    let row = floor(spot.v / height);
     let brick = cell(
-        spot.u + 0.5 * width * (row.rem_euclid(2.0)),
+        spot.u + 0.5 * width * row.rem_euclid(2) as f32,
         spot.v,
         width,
         height,
