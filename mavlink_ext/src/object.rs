@@ -63,7 +63,7 @@ pub struct ObjectId {
 }
 
 impl ObjectId {
-    /// A version of a map tile; `None` if a coordinate does not fit 21 bits, which no tile in a map's world does not.
+    /// A version of a map tile; `None` if a coordinate does not fit 21 bits; those of all tiles of a map do.
     pub fn of_tile(tile: TileId, version: u64) -> Option<Self> {
         let mut key = 0;
         for coordinate in [tile.x, tile.y, tile.z] {

@@ -353,7 +353,7 @@ impl Sender {
             return step;
         }
         while self.budget > 0.0 {
-            self.activate(now);
+            self.activate();
             let Some(place) = self.next_to_send(now) else {
                 break;
             };
@@ -410,7 +410,7 @@ impl Sender {
             return None;
         }
         if self.active.is_empty() {
-            self.activate(now);
+            self.activate();
         }
         let transfer = self.active.first_mut()?;
         self.probe_due = now + PROBE_INTERVAL;
@@ -420,14 +420,13 @@ impl Sender {
     }
 
     /// Takes objects from the queue while there is a place for their class.
-    fn activate(&mut self, now: Stamp) {
+    fn activate(&mut self) {
         loop {
             let of = |priority: u8| {
                 let same = |transfer: &&Transfer| transfer.priority() == priority;
                 self.active.iter().filter(same).count()
             };
             let (latest, reliable) = (of(0), of(1));
-            let (nothing_else, alone) = (latest + reliable == 0, self.active.is_empty());
             let fits = |waiting: &Waiting| match waiting.object.service {
                 Service::Latest { .. } => latest < 2,
                 Service::Reliable => {
@@ -438,7 +437,7 @@ impl Sender {
                     };
                     reliable < MAX_RELIABLE && !self.active.iter().any(under_way)
                 }
-                Service::BestEffort => nothing_else && alone,
+                Service::BestEffort => self.active.is_empty(),
             };
             let candidates = self.waiting.iter().enumerate();
             let next = candidates
@@ -453,7 +452,6 @@ impl Sender {
             let number = self.next_number();
             let begun = Transfer::new(self.ends.peer, number, (object, offered), &self.link);
             self.active.push(begun);
-            self.probe_due = self.probe_due.max(now);
         }
     }
 

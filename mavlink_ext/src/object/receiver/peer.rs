@@ -9,7 +9,7 @@ use super::{IDLE_INTERVAL, ReceiverLimits, ReceiverStats};
 use crate::dialect::Message;
 use crate::dialect::tandem::{TANDEM_OBJECT_DATA, TANDEM_REPORT_DATA, TANDEM_SYMBOL_DATA};
 use crate::object::fountain::{Collector, Progress};
-use crate::object::{ObjectId, REPORT_ENTRIES, StreamId, TransferState};
+use crate::object::{ObjectId, REPORT_ENTRIES, Service, StreamId, TransferState};
 use crate::wire::Address;
 
 /// Time between reports while something arrives.
@@ -53,7 +53,7 @@ pub(super) struct Peer {
     unknown: BTreeSet<u32>,
     /// Symbols of unknown transfers, the newest last.
     orphans: VecDeque<TANDEM_SYMBOL_DATA>,
-    /// Version and checksum of the newest object of each key.
+    /// Version and checksum of the newest reliable object of each key.
     have: BTreeMap<(StreamId, u64), (u64, u32)>,
     symbols: u32,
     last_report: Option<Stamp>,
@@ -225,7 +225,8 @@ impl Peer {
             key: object.key,
             version: object.version,
         };
-        let (hash, received) = (object.hash, incoming.collector.received());
+        let (hash, service) = (object.hash, object.service);
+        let received = incoming.collector.received();
         let key = (id.stream, id.key);
         let outdated = self
             .have
@@ -236,7 +237,8 @@ impl Peer {
         if outdated {
             return None; // A newer version overtook it.
         }
-        if self.have.len() < MAX_KEYS || self.have.contains_key(&key) {
+        let is_reliable = service == Service::Reliable.to_wire();
+        if is_reliable && (self.have.len() < MAX_KEYS || self.have.contains_key(&key)) {
             self.have.insert(key, (id.version, hash));
         }
         Some((id, bytes))
