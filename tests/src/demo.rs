@@ -6,12 +6,12 @@
 //!                           ▲ recording                 ▲ script
 //! ```
 
-use std::fs;
 use std::io::Write as _;
 use std::net::UdpSocket;
 use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
+use std::{env, fs};
 
 use anyhow::{Context as _, ensure};
 use serde_json::Value;
@@ -150,6 +150,9 @@ fn start_groundstation(
     command
         .arg("--report")
         .arg(options.out.join("groundstation.json"));
+    if env::var_os("XDG_RUNTIME_DIR").is_none() {
+        command.env("XDG_RUNTIME_DIR", &options.out); // Mesa complains once a frame without
+    }
     if options.window == Window::Headless {
         command.arg("--headless");
     }

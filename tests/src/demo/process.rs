@@ -99,7 +99,7 @@ impl Drop for Program {
     fn drop(&mut self) {
         if !self.exited && self.exit.try_recv().is_err() {
             // Failing means that it has just ended, which is what is wanted.
-            drop(kill_process(self.pid, Signal::KILL));
+            let _already_ended = kill_process(self.pid, Signal::KILL);
         }
     }
 }

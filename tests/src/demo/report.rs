@@ -64,27 +64,27 @@ impl Report {
             sitl,
         } = parts;
         Ok(Self {
-            recording: figure(companion, "companion", "recording")?,
-            frames: figure(companion, "companion", "frames")?,
-            tracked_share: figure(companion, "companion", "tracked_share")?,
-            ate_rmse_m: figure(companion, "companion", "ate_rmse_m")?,
-            slam_fps: figure(companion, "companion", "slam_fps")?,
-            map_voxels_occupied: figure(companion, "companion", "map_voxels_occupied")?,
-            tiles_sent: figure(companion, "companion", "tiles_sent")?,
-            tiles_received: figure(groundstation, "ground station", "tiles_received")?,
-            map_digest_companion: figure(companion, "companion", "map_digest")?,
-            map_digest_groundstation: figure(groundstation, "ground station", "map_digest")?,
-            bytes_on_wire: figure(companion, "companion", "bytes_on_wire")?,
-            path_length_m: figure(groundstation, "ground station", "path_length_m")?,
-            path_min_clearance_m: figure(groundstation, "ground station", "path_min_clearance_m")?,
-            mission_items: figure(groundstation, "ground station", "mission_items")?,
+            recording: figure(companion, "companion", "/recording")?,
+            frames: figure(companion, "companion", "/frames")?,
+            tracked_share: figure(companion, "companion", "/tracked_share")?,
+            ate_rmse_m: figure(companion, "companion", "/ate_rmse_m")?,
+            slam_fps: figure(companion, "companion", "/slam_fps")?,
+            map_voxels_occupied: figure(companion, "companion", "/map_voxels_occupied")?,
+            tiles_sent: figure(companion, "companion", "/tiles_sent")?,
+            tiles_received: figure(groundstation, "ground station", "/tiles_received")?,
+            map_digest_companion: figure(companion, "companion", "/map_digest")?,
+            map_digest_groundstation: figure(groundstation, "ground station", "/map_digest")?,
+            bytes_on_wire: figure(companion, "companion", "/bytes_on_wire")?,
+            path_length_m: figure(groundstation, "ground station", "/path_length_m")?,
+            path_min_clearance_m: figure(groundstation, "ground station", "/path_min_clearance_m")?,
+            mission_items: figure(groundstation, "ground station", "/mission_items")?,
             mission_readback_equal: figure(
                 groundstation,
                 "ground station",
                 "mission_readback_equal",
             )?,
-            rover_final_error_m: figure(sitl, "simulator", "rover_final_error_m")?,
-            copter_survey_completed: figure(sitl, "simulator", "copter_survey_completed")?,
+            rover_final_error_m: figure(sitl, "simulator", "/rover/final_error_m")?,
+            copter_survey_completed: figure(sitl, "simulator", "/copter/survey_completed")?,
             wall_s,
         })
     }
@@ -174,7 +174,7 @@ mod tests {
                 "tiles_received": 9, "map_digest": "00aa", "path_length_m": 3.0, "path_min_clearance_m": 0.2,
                 "mission_items": 12, "mission_readback_equal": true
             }),
-            sitl: json!({ "rover_final_error_m": 0.1, "copter_survey_completed": true }),
+            sitl: json!({ "rover": { "final_error_m": 0.1 }, "copter": { "survey_completed": true } }),
         }
     }
 
@@ -189,7 +189,7 @@ mod tests {
         let mut parts = good_parts();
         parts.companion["tracked_share"] = json!(0.94);
         parts.groundstation["map_digest"] = json!("00ab");
-        parts.sitl["rover_final_error_m"] = json!(1.01);
+        parts.sitl["rover"]["final_error_m"] = json!(1.01);
         let failures = Report::gather(&parts, 60.0).expect("complete").failures();
         assert_eq!(
             failures,
@@ -206,13 +206,13 @@ mod tests {
         let mut parts = good_parts();
         parts.companion["ate_rmse_m"].take();
         let error = Report::gather(&parts, 60.0).expect_err("null is no error in metres");
-        assert_eq!(error.to_string(), "the companion's ate_rmse_m is null");
+        assert_eq!(error.to_string(), "the companion's /ate_rmse_m is null");
         parts.sitl = json!({});
         parts.companion["ate_rmse_m"] = json!(0.1);
         let error = Report::gather(&parts, 60.0).expect_err("the truth is missing");
         assert_eq!(
             error.to_string(),
-            "the simulator's report has no figure rover_final_error_m"
+            "the simulator's report has no figure /rover/final_error_m"
         );
     }
 }
