@@ -151,7 +151,7 @@ fn start_groundstation(
         .arg("--report")
         .arg(options.out.join("groundstation.json"));
     if env::var_os("XDG_RUNTIME_DIR").is_none() {
-        command.env("XDG_RUNTIME_DIR", &options.out); // Mesa complains once a frame without
+        command.env("XDG_RUNTIME_DIR", std::path::absolute(&options.out)?); // Mesa complains without
     }
     if options.window == Window::Headless {
         command.arg("--headless");

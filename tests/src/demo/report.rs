@@ -33,7 +33,7 @@ pub struct Report {
     pub path_length_m: f64,
     /// Smallest distance from the rover's path to anything not drivable.
     pub path_min_clearance_m: f64,
-    /// Items of the rover's mission.
+    /// Items of all missions that were uploaded.
     pub mission_items: u64,
     /// Whether every uploaded mission read back equal.
     pub mission_readback_equal: bool,
@@ -81,7 +81,7 @@ impl Report {
             mission_readback_equal: figure(
                 groundstation,
                 "ground station",
-                "mission_readback_equal",
+                "/mission_readback_equal",
             )?,
             rover_final_error_m: figure(sitl, "simulator", "/rover/final_error_m")?,
             copter_survey_completed: figure(sitl, "simulator", "/copter/survey_completed")?,
@@ -152,7 +152,7 @@ fn figure<T: serde::de::DeserializeOwned>(
     key: &str,
 ) -> anyhow::Result<T> {
     let value = report
-        .get(key)
+        .pointer(key)
         .with_context(|| format!("the {program}'s report has no figure {key}"))?;
     serde_json::from_value(value.clone())
         .with_context(|| format!("the {program}'s {key} is {value}"))
