@@ -1,0 +1,61 @@
+//! Orders and what became of them, the newest first.
+
+use egui::{Color32, RichText, Ui};
+
+use super::theme;
+use super::widgets::{self, Sign};
+use crate::model::Model;
+use crate::model::orders::{OrderState, SentOrder};
+
+/// The list.
+pub fn orders_ui(ui: &mut Ui, model: &Model) {
+    if model.orders.iter().len() == 0 {
+        ui.label(RichText::new("Nothing has been ordered yet.").color(theme::DIM));
+    }
+    for order in model.orders.iter() {
+        order_ui(ui, model, order);
+    }
+}
+
+fn order_ui(ui: &mut Ui, model: &Model, order: &SentOrder) {
+    let (sign, state, ink) = state_of(model, order);
+    ui.horizontal_wrapped(|ui| {
+        ui.label(
+            RichText::new(model.utc(order.sent_at))
+                .monospace()
+                .small()
+                .color(theme::DIM),
+        );
+        let target =
+            RichText::new(model.name_of(order.vehicle)).color(theme::vehicle(order.vehicle));
+        ui.label(target.strong());
+        ui.label(order.order.to_string());
+        if let Some(sign) = sign {
+            widgets::sign(ui, sign, ink);
+        }
+        ui.label(RichText::new(state).color(ink));
+    });
+}
+
+fn state_of(model: &Model, order: &SentOrder) -> (Option<Sign>, String, Color32) {
+    if let Some(failure) = order.failure() {
+        return (Some(Sign::Failed), failure, theme::AMBER);
+    }
+    let state = match &order.state {
+        OrderState::Sent { attempt: 1, .. } => "sent".to_owned(),
+        OrderState::Sent { attempt, of } => format!("retry {attempt}/{of}"),
+        OrderState::InProgress {
+            percent: Some(percent),
+        } => format!("in progress {percent} %"),
+        OrderState::InProgress { percent: None } => "in progress".to_owned(),
+        _ if order.confirmed_at.is_some() => {
+            return (Some(Sign::Done), "done".to_owned(), theme::TEXT);
+        }
+        _ if order.is_without_effect(model.now) => {
+            let words = "accepted, but telemetry does not show it".to_owned();
+            return (Some(Sign::Attention), words, theme::AMBER);
+        }
+        _ => return (None, "accepted".to_owned(), theme::TEXT),
+    };
+    (None, state, theme::CYAN)
+}
