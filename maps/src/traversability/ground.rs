@@ -2,9 +2,9 @@
 //!
 //! 1. The top of every occupied run with enough room for the vehicle above it is a surface. Surfaces of neighbouring
 //!    columns at about the same height belong together; the lowest of the large ones is the ground, and so is whatever
-//!    continues it ([`columns`]).
+//!    continues it.
 //! 2. The ground's height is the median of 5 × 5 columns, so that a voxel too high or too low is neither a step nor a hole,
-//!    while a kerb, which is long, remains one ([`surface`]).
+//!    while a kerb, which is long, remains one.
 //! 3. A cell is blocked by a *step* to a neighbour, by a *slope* of the plane through the ground under the vehicle, or by an
 //!    *obstacle*: something between the highest step and the vehicle's height over the ground. Where no ground was seen, the
 //!    nearest ground stands in.
