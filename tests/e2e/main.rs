@@ -3,3 +3,5 @@
 mod architecture;
 mod mission;
 mod peers;
+mod programs;
+mod replay;

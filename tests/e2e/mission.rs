@@ -1,37 +1,21 @@
 //! An operator runs one mission with the real programs, and other people's tools read what it leaves behind.
 
 use std::fs;
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::time::Instant;
 
 use octomap::referee::Referee;
-use tests::demo::{self, Options, Scenario, Show, Window};
+use tests::demo::{self, Options, Scenario, Window};
+use tests::program::Show;
 
-use crate::peers;
-
-/// The programs that this test run has built, beside the folder of the tests.
-fn programs() -> PathBuf {
-    let test = std::env::current_exe().expect("a running test has a path");
-    let programs = test
-        .parent()
-        .and_then(Path::parent)
-        .expect("target/PROFILE/deps/test")
-        .to_owned();
-    for name in ["companion", "groundstation", "sitl"] {
-        assert!(
-            programs.join(name).is_file(),
-            "{name} is not built: run `make test`, or `cargo build --bins` first"
-        );
-    }
-    programs
-}
+use crate::{peers, programs};
 
 #[test]
 fn a_mission_in_the_simulated_room_succeeds_and_others_can_read_it() {
     let folder = tempfile::tempdir().expect("a folder for the mission");
     let out = folder.path().join("mission");
     let options = Options {
-        programs: programs(),
+        programs: programs::folder(),
         out: out.clone(),
         window: Window::Headless,
         show: Show::Nothing,

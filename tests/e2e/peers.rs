@@ -1,8 +1,14 @@
 //! Other people's MAVLink programs talk to ours.
 
 use std::ffi::OsStr;
+use std::net::UdpSocket;
 use std::path::Path;
 use std::process::Command;
+use std::time::Duration;
+
+use tests::program::{Program, Show};
+
+use crate::programs;
 
 /// Runs `tests/peers/SCRIPT` with the pinned peers and returns its standard output; panics if it fails.
 pub(crate) fn python(script: &str, arguments: &[&OsStr]) -> String {
@@ -25,4 +31,41 @@ pub(crate) fn python(script: &str, arguments: &[&OsStr]) -> String {
         String::from_utf8_lossy(&output.stderr)
     );
     String::from_utf8(output.stdout).expect("Python prints UTF-8")
+}
+
+/// MAVSDK connects to one simulated vehicle, uploads a mission, downloads it, finds it equal, and arms.
+fn check_mavsdk(vehicle: &str) {
+    let folder = tempfile::tempdir().expect("a folder for the log");
+    let free = UdpSocket::bind("127.0.0.1:0")
+        .and_then(|socket| socket.local_addr())
+        .expect("a free port");
+    let mut sitl = Command::new(programs::folder().join("sitl"));
+    sitl.args([
+        "run",
+        "--scene",
+        "room",
+        "--seed",
+        "1",
+        "--headless",
+        vehicle,
+    ]);
+    sitl.arg(format!("udpout:127.0.0.1:{}", free.port()));
+    let mut sitl = Program::start("sitl", sitl, &folder.path().join("sitl.log"), Show::Nothing)
+        .expect("the simulator starts");
+    python(
+        "mavsdk_mission.py",
+        &[format!("udpin://127.0.0.1:{}", free.port()).as_ref()],
+    );
+    sitl.stop(Duration::from_secs(10))
+        .expect("the simulator ends when asked to");
+}
+
+#[test]
+fn mavsdk_arms_the_simulated_copter_and_reads_back_its_mission() {
+    check_mavsdk("--copter");
+}
+
+#[test]
+fn mavsdk_arms_the_simulated_rover_and_reads_back_its_mission() {
+    check_mavsdk("--rover");
 }

@@ -17,12 +17,11 @@ use anyhow::{Context as _, ensure};
 use serde_json::Value;
 use toml::Table;
 
-mod process;
+use crate::program::{Program, Show};
+
 mod report;
 mod scenario;
 
-use process::Program;
-pub use process::Show;
 pub use report::{Parts, Report};
 pub use scenario::Scenario;
 
@@ -100,6 +99,7 @@ struct Ports {
 impl Ports {
     fn free() -> anyhow::Result<Self> {
         let bind = || UdpSocket::bind("127.0.0.1:0").context("no free UDP port on 127.0.0.1");
+        // Both at once, so that they differ.
         let (ground, autopilot) = (bind()?, bind()?);
         Ok(Self {
             ground: ground.local_addr()?.port(),

@@ -7,7 +7,8 @@ use std::time::Instant;
 
 use anyhow::{Context as _, bail};
 use clap::Parser;
-use tests::demo::{self, Options, Scenario, Show, Window};
+use tests::demo::{self, Options, Scenario, Window};
+use tests::program::Show;
 
 /// Runs one mission end to end: a recording becomes a map, the map crosses MAVLink, a rover drives a path planned on it.
 #[derive(Parser)]

@@ -7,8 +7,8 @@ use std::time::Duration;
 use anyhow::{Context as _, bail, ensure};
 use toml::{Table, Value};
 
-use super::process::Program;
 use super::{Options, Ports, say};
+use crate::program::Program;
 
 /// A place for a mission.
 #[derive(Clone, Debug, PartialEq, Eq)]

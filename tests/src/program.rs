@@ -12,7 +12,7 @@ use anyhow::{Context as _, bail};
 use rustix::process::{Pid, Signal, kill_process};
 
 /// A running program. Dropping it kills it, so that a failed mission leaves nothing behind.
-pub(super) struct Program {
+pub struct Program {
     name: &'static str,
     pid: Pid,
     exit: Receiver<std::io::Result<ExitStatus>>,
@@ -22,7 +22,7 @@ pub(super) struct Program {
 
 impl Program {
     /// Starts `command`. Its output goes to `log`, and to this program's standard error if `show` says so.
-    pub(super) fn start(
+    pub fn start(
         name: &'static str,
         mut command: Command,
         log: &Path,
@@ -59,7 +59,7 @@ impl Program {
     }
 
     /// Waits until the program has ended by itself.
-    pub(super) fn wait(&mut self, patience: Duration) -> anyhow::Result<()> {
+    pub fn wait(&mut self, patience: Duration) -> anyhow::Result<()> {
         let status = match self.exit.recv_timeout(patience) {
             Ok(status) => status.with_context(|| format!("cannot wait for {}", self.name))?,
             Err(RecvTimeoutError::Timeout) => {
@@ -80,7 +80,7 @@ impl Program {
     }
 
     /// Asks the program to end, as a service manager does, and waits until it has.
-    pub(super) fn stop(&mut self, patience: Duration) -> anyhow::Result<()> {
+    pub fn stop(&mut self, patience: Duration) -> anyhow::Result<()> {
         if let Ok(status) = self.exit.try_recv() {
             self.exited = true;
             bail!(
