@@ -3,6 +3,8 @@
 use std::io;
 use std::path::PathBuf;
 
+use maps::trajectory::tum::TumError;
+
 use crate::cdr::CdrError;
 
 /// Why a source has no (more) frames to give. Each message names the file and, where there is one, the remedy.
@@ -33,6 +35,14 @@ pub enum SourceError {
         line: usize,
         /// What a line should look like.
         expected: &'static str,
+    },
+    /// True poses that are none.
+    #[error("cannot understand {}: correct or remove it", path.display())]
+    Truth {
+        /// The file.
+        path: PathBuf,
+        /// Which line, and why.
+        source: TumError,
     },
     /// No colour image has a depth image taken at the same time.
     #[error(

@@ -13,8 +13,9 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use maps::camera::{Pinhole, RgbdFrame};
+use maps::frame::{Camera, Isometry, World};
 use maps::time::Stamp;
-use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
+use maps::trajectory::tum::parse;
 
 use crate::image::{decode_color, decode_depth};
 use crate::pairing::mutual_nearest;
@@ -299,25 +300,14 @@ fn present(pairs: Vec<Pair>, missing_images: MissingImages) -> Result<Vec<Pair>,
 
 /// `groundtruth.txt`: `timestamp tx ty tz qx qy qz qw`.
 fn truth(path: &Path) -> Result<Vec<TruthPose>, SourceError> {
-    let mut truth = Vec::new();
-    for_each_line(path, "timestamp tx ty tz qx qy qz qw", |words| {
-        let &[at, x, y, z, i, j, k, w] = words else {
-            return None;
-        };
-        let mut numbers = [0.0; 7];
-        for (number, word) in numbers.iter_mut().zip([x, y, z, i, j, k, w]) {
-            *number = word.parse().ok().filter(|n: &f64| n.is_finite())?;
-        }
-        let [x, y, z, i, j, k, w] = numbers;
-        let rotation = UnitQuaternion::try_new(Quaternion::new(w, i, j, k), 1e-6)?;
-        truth.push(TruthPose {
-            at: stamp(at)?,
-            pose: Isometry3::from_parts(Translation3::new(x, y, z), rotation),
-        });
-        Some(())
+    let bytes = read(path)?;
+    let trajectory = parse::<Camera>(&String::from_utf8_lossy(&bytes));
+    let trajectory = trajectory.map_err(|source| SourceError::Truth {
+        path: path.to_owned(),
+        source,
     })?;
-    truth.sort_by_key(|pose| pose.at);
-    Ok(truth)
+    let pose = |&(at, pose): &(Stamp, Isometry<World, Camera>)| TruthPose { at, pose: pose.raw };
+    Ok(trajectory.poses().iter().map(pose).collect())
 }
 
 #[cfg(test)]

@@ -111,7 +111,7 @@ fn truth_is_read_where_it_is() {
     let folder = folder();
     assert_eq!(open(&folder).expect("opens").truth(), []);
     let path = folder.path().join("groundtruth.txt");
-    fs::write(&path, "# t\n1548339819.89427 1 2 3 0 0 0 -2\n").expect("writes");
+    fs::write(&path, "# t\n1548339819.89427 1 2 3 0 0 0 -1\n").expect("writes");
     let source = open(&folder).expect("opens");
     let [truth] = source.truth() else {
         panic!("one pose, not {:?}", source.truth());
@@ -119,7 +119,7 @@ fn truth_is_read_where_it_is() {
     assert_eq!(truth.at, Stamp::from_nanos(1_548_339_819_894_270_000));
     assert!(truth.pose.rotation.angle() < 1e-9);
     fs::write(&path, "1 1 2 3 0 0 0 0\n").expect("writes");
-    check_refused(&folder, &["line 1", "groundtruth.txt", "tx ty tz"]);
+    check_refused(&folder, &["groundtruth.txt"]);
 }
 
 #[test]
