@@ -19,6 +19,9 @@ use crate::config::Settings;
 use crate::output;
 use crate::pipeline::{self, chain};
 
+/// Less is not enough for the map and the report of a flight.
+const LEAST_FREE_BYTES: u64 = 1 << 30;
+
 /// 1 January 2026, in seconds since 1970: a clock before that was never set.
 const CLOCK_WAS_NEVER_SET: u64 = 1_767_225_600;
 
@@ -277,7 +280,20 @@ fn check_disk(out: &Path) -> Result<String, String> {
     output::write_atomically(&probe, |_file| Ok(())).map_err(|error| chain(&error))?;
     fs::remove_file(&probe)
         .map_err(|error| format!("cannot remove {}: {error}", probe.display()))?;
-    Ok(format!("{} can be written", out.display()))
+    let space = rustix::fs::statvfs(out)
+        .map_err(|error| format!("cannot examine {}: {error}", out.display()))?;
+    let free = space.f_bavail.saturating_mul(space.f_frsize);
+    let text = format!(
+        "{:.1} GiB free in {}",
+        free as f64 / f64::from(1 << 30),
+        out.display()
+    );
+    if free < LEAST_FREE_BYTES {
+        return Err(format!(
+            "{text}: make room for at least 1 GiB, or choose another output.dir"
+        ));
+    }
+    Ok(text)
 }
 
 fn check_clock(since_1970: Duration) -> Result<String, String> {
@@ -287,5 +303,94 @@ fn check_clock(since_1970: Duration) -> Result<String, String> {
             "the calendar clock is {seconds} s after 1970, so it was never set: connect to an NTP server or GPS"
         ));
     }
-    Ok(format!("{seconds} s after 1970"))
+    let [year, month, day] = civil_date(seconds / 86_400);
+    let [hours, minutes] = [seconds / 3600 % 24, seconds / 60 % 60];
+    Ok(format!(
+        "{year}-{month:02}-{day:02} {hours:02}:{minutes:02} UTC"
+    ))
+}
+
+/// Year, month and day of the Gregorian calendar, so many days after 1 January 1970. Years are counted from March, so
+/// that the leap day is the last of its year, in eras of 400 years, which all have the same days.
+///
+/// - H. Hinnant, *chrono-compatible low-level date algorithms*, 2013.
+fn civil_date(days_since_1970: u64) -> [u64; 3] {
+    const ERA: u64 = 146_097;
+    let days = days_since_1970 + 719_468;
+    let day_of_era = days % ERA;
+    let leap_days = day_of_era / 1460 + day_of_era / (ERA - 1);
+    let year_of_era = (day_of_era - leap_days + day_of_era / 36_524) / 365;
+    let day_of_year = day_of_era - (365 * year_of_era + year_of_era / 4 - year_of_era / 100);
+    let month_from_march = (5 * day_of_year + 2) / 153;
+    let day = day_of_year - (153 * month_from_march + 2) / 5 + 1;
+    let month = (month_from_march + 2) % 12 + 1;
+    let year = year_of_era + 400 * (days / ERA) + u64::from(month <= 2);
+    [year, month, day]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Config;
+
+    #[test]
+    fn days_become_dates() {
+        assert_eq!(civil_date(0), [1970, 1, 1]);
+        assert_eq!(civil_date(11_016), [2000, 2, 29]);
+        assert_eq!(civil_date(11_017), [2000, 3, 1]);
+        assert_eq!(civil_date(20_779), [2026, 11, 22]);
+    }
+
+    #[test]
+    fn a_clock_that_was_never_set_is_told() {
+        assert!(check_clock(Duration::from_secs(5)).is_err_and(|text| text.contains("NTP")));
+        let now = check_clock(Duration::from_secs(1_795_331_272));
+        assert_eq!(now.as_deref(), Ok("2026-11-22 07:07 UTC"));
+    }
+
+    #[track_caller]
+    fn check_path_of_dialect(autopilot: &str, ground: &str, words: Option<&str>) {
+        let mut config = Config::default();
+        config.source.path = "flight.mcap".into();
+        config.links.autopilot = autopilot.into();
+        config.links.ground = ground.into();
+        let check = check_dialect_path(&config.check().expect("sound"));
+        assert_eq!(check.has_failed(), words.is_some(), "{check}");
+        assert!(
+            check
+                .to_string()
+                .contains(words.unwrap_or("past the flight controller")),
+            "{check}"
+        );
+    }
+
+    #[test]
+    fn a_dialect_that_would_pass_through_the_flight_controller_is_told() {
+        check_path_of_dialect("udpin:127.0.0.1:14561", "udpout:127.0.0.1:14550", None);
+        let same = "udpin:127.0.0.1:14561";
+        check_path_of_dialect(same, same, Some("its own link"));
+        check_path_of_dialect(same, "", Some("its own link"));
+    }
+
+    #[test]
+    fn a_camera_with_a_misplaced_centre_is_told() {
+        let camera = Pinhole {
+            width: 640,
+            height: 480,
+            fx: 525.0,
+            fy: 525.0,
+            cx: 319.5,
+            cy: 239.5,
+            distortion: [0.0; 5],
+        };
+        assert!(!check_camera(&camera).has_failed());
+        assert!(check_camera(&Pinhole { cx: 10.0, ..camera }).has_failed());
+        assert!(
+            check_camera(&Pinhole {
+                fy: 300.0,
+                ..camera
+            })
+            .has_failed()
+        );
+    }
 }
