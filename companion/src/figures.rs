@@ -128,6 +128,7 @@ impl Figures {
         let busy_s = self.durations.sum().as_secs_f64();
         let per = |n: u64, of: f64| if of > 0.0 { n as f64 / of } else { 0.0 };
         let ending = self.ended.as_ref().map(|ended| &ended.ending);
+        let ate = self.ended.as_ref().and_then(|ended| ended.ate);
         let MapDigest(digest) = self.map.digest;
         Report {
             recording: self.recording.clone(),
@@ -141,7 +142,8 @@ impl Figures {
             frames_tracked: self.frames_tracked,
             tracked_share: per(self.frames_tracked, self.frames as f64),
             pose_resets: self.pose_resets,
-            ate_rmse_m: self.ended.as_ref().and_then(|ended| ended.ate_rmse_m),
+            ate_rmse_m: ate.map(|ate| ate.rmse_m),
+            ate_frames: ate.map(|ate| ate.frames),
             slam_fps: per(self.frames, busy_s),
             slam_p50_ms: ms(0.5),
             slam_p99_ms: ms(0.99),

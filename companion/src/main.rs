@@ -3,7 +3,7 @@
 mod cli;
 mod progress;
 
-use std::io::{self, Write as _};
+use std::io::{self, IsTerminal as _, Write as _};
 use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
@@ -22,11 +22,20 @@ use tracing_subscriber::EnvFilter;
 use crate::cli::{Arguments, Command};
 use crate::progress::ProgressLine;
 
-fn main() -> Result<ExitCode> {
+fn main() -> ExitCode {
+    execute().unwrap_or_else(|error| {
+        // One line with all causes; nowhere else to say it if that fails.
+        writeln!(io::stderr(), "error: {error:#}").unwrap_or_default();
+        ExitCode::FAILURE
+    })
+}
+
+fn execute() -> Result<ExitCode> {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new("info"));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(io::stderr)
+        .with_ansi(io::stderr().is_terminal())
         .init();
     let clock = Clock::start();
     match Arguments::parse().command {
@@ -64,7 +73,7 @@ fn run(settings: &Settings, clock: Clock) -> Result<()> {
     // Waits if the queue is full; fails only when the service has ended anyway.
     let stop = move || sender.send((clock.now(), Event::Stop)).unwrap_or_default();
     ctrlc::set_handler(stop).context("cannot handle ctrl-c and SIGTERM")?;
-    runtime::run(settings, clock, events).context("companion run")
+    Ok(runtime::run(settings, clock, events)?)
 }
 
 fn replay_one(settings: &Settings, clock: Clock) -> Result<()> {

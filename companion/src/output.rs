@@ -9,7 +9,7 @@ use std::path::{Path, PathBuf};
 use maps::frame::{Camera, Isometry, World};
 use maps::time::Stamp;
 use maps::trajectory::Trajectory;
-use maps::trajectory::evaluation::ate_rmse;
+use maps::trajectory::evaluation::{self, Alignment, Tool};
 use maps::voxel::VoxelMap;
 use sensors::TruthPose;
 
@@ -73,18 +73,25 @@ pub fn write_map(
     })
 }
 
-/// Root mean square of the distances between the estimated positions and the true ones at the same moments, after the
-/// best rigid alignment; `None` where they cannot be compared.
-pub fn ate_rmse_m(
-    truth: &[TruthPose],
-    trajectory: &[(Stamp, Isometry<World, Camera>)],
-) -> Option<f64> {
-    let mut truth: Vec<_> = truth
-        .iter()
-        .map(|pose| (pose.at, Isometry::claim(pose.pose)))
-        .collect();
+/// How far a trajectory is from the truth.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Ate {
+    /// Root mean square of the distances after the best rigid alignment.
+    pub rmse_m: f64,
+    /// Frames that could be compared: those with a true pose within 20 ms.
+    pub frames: usize,
+}
+
+/// The absolute trajectory error as the TUM benchmark defines it; `None` where nothing can be compared.
+pub fn ate(truth: &[TruthPose], trajectory: &[(Stamp, Isometry<World, Camera>)]) -> Option<Ate> {
+    let claim = |pose: &TruthPose| (pose.at, Isometry::claim(pose.pose));
+    let mut truth: Vec<_> = truth.iter().map(claim).collect();
     truth.dedup_by_key(|(at, _)| *at);
-    let truth = Trajectory::<Camera>::new(truth).ok()?;
+    let truth = Trajectory::new(truth).ok()?;
     let estimate = Trajectory::new(trajectory.to_vec()).ok()?;
-    ate_rmse(&truth, &estimate).ok()
+    let errors = evaluation::ate(&truth, &estimate, Tool::TumBenchmark, Alignment::Rigid).ok()?;
+    Some(Ate {
+        rmse_m: errors.rmse,
+        frames: errors.count,
+    })
 }

@@ -23,7 +23,7 @@ use slam::Tracked;
 use crate::clock::Clock;
 use crate::config::{MappingSettings, Pace, SourceSettings};
 use crate::event::Event;
-use crate::output;
+use crate::output::{self, Ate};
 use uav::{MapFigures, MapUpdate, Mapper};
 
 /// How many frames are decoded ahead of the one that is tracked.
@@ -80,8 +80,8 @@ pub struct EncodedTile {
 pub struct SourceEnded {
     /// Why.
     pub ending: Ending,
-    /// Root mean square of the distance to the true positions after alignment, where the recording has them.
-    pub ate_rmse_m: Option<f64>,
+    /// How far the trajectory is from the truth, where the recording has it.
+    pub ate: Option<Ate>,
     /// The final map.
     pub map: MapFigures,
 }
@@ -262,7 +262,7 @@ fn end(
     };
     SourceEnded {
         ending,
-        ate_rmse_m: output::ate_rmse_m(source.truth(), &trajectory),
+        ate: output::ate(source.truth(), &trajectory),
         map: mapper.figures(),
     }
 }

@@ -94,7 +94,7 @@ fn conclude(
     output::write_map(out, mapper.map(), &trajectory)?;
     figures.end(&SourceEnded {
         ending,
-        ate_rmse_m: output::ate_rmse_m(source.truth(), &trajectory),
+        ate: output::ate(source.truth(), &trajectory),
         map: mapper.figures(),
     });
     let report = figures.report(clock.now());

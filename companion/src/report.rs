@@ -26,9 +26,11 @@ pub struct Report {
     pub tracked_share: f64,
     /// How often the pose has jumped.
     pub pose_resets: u32,
-    /// Root mean square of the distance to the true positions after rigid alignment, over all tracked frames; none
-    /// without truth.
+    /// Root mean square of the distance to the true positions after rigid alignment, as the TUM benchmark's
+    /// `evaluate_ate.py` has it; none without truth.
     pub ate_rmse_m: Option<f64>,
+    /// Over how many frames: those tracked that have a true pose within 20 ms.
+    pub ate_frames: Option<usize>,
     /// Frames per second of time spent in tracking and mapping, waiting and decoding left out.
     pub slam_fps: f64,
     /// Median time of tracking and mapping of a frame.

@@ -15,6 +15,9 @@ use mavlink_ext::convert::odometry_message;
 use mavlink_ext::dialect::tandem::{MavSeverity, STATUSTEXT_DATA};
 use mavlink_ext::dialect::{MessageExt as _, TANDEM_IDS, char_array, cmd};
 use mavlink_ext::presence::{Presence, PresenceEvent, companion_heartbeat};
+use mavlink_ext::router::{LinkId as RouteId, LinkKind, Router};
+use mavlink_ext::service::Ends;
+use mavlink_ext::timesync::Timesync;
 use mavlink_ext::{Address, ComponentId, Encoder, Message, RawFrame, command};
 use slam::State;
 
@@ -41,7 +44,9 @@ pub struct Companion {
     own: Address,
     autopilot: Address,
     outbox: Outbox,
+    router: Router,
     presence: Presence,
+    timesync: Timesync,
     commands: command::Client,
     map_link: MapLink,
     origin: Origin,
@@ -106,7 +111,12 @@ impl Companion {
             own,
             autopilot,
             outbox: Outbox::new(own),
+            router: router(settings),
             presence: Presence::new(own, companion_heartbeat()),
+            timesync: Timesync::new(Ends {
+                own,
+                peer: autopilot,
+            }),
             commands: command::Client::new(own),
             map_link: MapLink::new(own, session, settings.map_bytes_per_s),
             origin: Origin::new(settings.origin),
@@ -150,20 +160,25 @@ impl Companion {
 
     fn receive(&mut self, now: Stamp, link: LinkId, frame: &RawFrame, act: &mut dyn FnMut(Action)) {
         let from = frame.from();
-        let message = frame.decode();
-        let ours = TANDEM_IDS.contains(&frame.message_id());
-        let onward = if link == LinkId::Ground {
-            LinkId::Autopilot
-        } else {
-            LinkId::Ground
-        };
-        if frame.target() != Some(self.own) && !(ours && onward == LinkId::Autopilot) {
-            act(Action::Send(onward, frame.clone()));
+        let route = self.router.route(now, route_of(link), frame);
+        for onward in LinkId::ALL {
+            if route.forward.contains(&route_of(onward)) {
+                act(Action::Send(onward, frame.clone()));
+            }
+        }
+        if !route.is_for_us {
+            return;
         }
         // What cannot be decoded is none of the messages that concern us.
-        let Ok(message) = message else { return };
+        let Ok(message) = frame.decode() else {
+            return;
+        };
         let heard = self.presence.handle(now, from, &message);
         self.tell_presence(&heard.events, act);
+        // Only answered: nothing that comes in needs another's clock yet.
+        for answer in self.timesync.handle(now, from, &message).send {
+            self.outbox.send(link, &answer, act);
+        }
         // Its outcome does not matter: what was asked for comes as a message.
         self.commands.handle(now, from, &message);
         if from == self.autopilot && self.origin.hear(&message) {
@@ -313,6 +328,25 @@ impl Companion {
         self.write_report(now, act);
         act(Action::Exit);
     }
+}
+
+/// The router's name for a link.
+fn route_of(link: LinkId) -> RouteId {
+    match link {
+        LinkId::Autopilot => RouteId(0),
+        LinkId::Ground => RouteId(1),
+    }
+}
+
+fn router(settings: &Settings) -> Router {
+    let mut router = Router::new(settings.address);
+    if settings.autopilot.is_some() {
+        router.add_link(route_of(LinkId::Autopilot), LinkKind::Autopilot);
+    }
+    if settings.ground.is_some() {
+        router.add_link(route_of(LinkId::Ground), LinkKind::Network);
+    }
+    router
 }
 
 /// `HOME_POSITION`.

@@ -22,8 +22,8 @@ use mavlink_ext::dialect::tandem::{HEARTBEAT_DATA, MavAutopilot, MavType};
 use mavlink_ext::object::{Receiver, ReceiverLimits};
 use mavlink_ext::{Address, Encoder, Message};
 use room::Room;
+use sensors::RgbdSource as _;
 use sensors::mcap::{Topics, Writer};
-use sensors::{RgbdSource as _, TruthPose};
 
 const STATION: Address = Address::new(255, 190);
 const FRAMES: usize = 45;
@@ -179,7 +179,7 @@ fn the_room_is_mapped_where_it_is() {
 }
 
 /// Records the room as `sitl` does.
-fn record(path: &Path, frames: usize) -> Vec<TruthPose> {
+fn record(path: &Path, frames: usize) {
     let mut room = Room::new(frames);
     let truth = room.truth().to_vec();
     let mut writer = Writer::create(path, &Topics::default()).expect("creates");
@@ -191,7 +191,6 @@ fn record(path: &Path, frames: usize) -> Vec<TruthPose> {
         writer.frame(&frame).expect("frame");
     }
     writer.finish().expect("finishes");
-    truth
 }
 
 #[test]

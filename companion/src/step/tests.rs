@@ -5,7 +5,7 @@ use maps::tile::TileId;
 use maps::voxel::{MapDigest, Rgb, VoxelMap};
 use mavlink_ext::dialect::tandem::{
     COMMAND_LONG_DATA, HEARTBEAT_DATA, HOME_POSITION_DATA, MavAutopilot, MavResult, MavType,
-    PARAM_REQUEST_LIST_DATA, TANDEM_ORIGIN_DATA,
+    PARAM_REQUEST_LIST_DATA, TANDEM_ORIGIN_DATA, TIMESYNC_DATA,
 };
 use mavlink_ext::object::{Receiver, ReceiverLimits};
 use nalgebra::{Isometry3, Matrix6};
@@ -112,6 +112,30 @@ fn station_heartbeat() -> Message {
         autopilot: MavAutopilot::MAV_AUTOPILOT_INVALID,
         ..HEARTBEAT_DATA::default()
     })
+}
+
+#[test]
+fn a_peer_that_asks_for_the_time_is_answered_on_its_link() {
+    let mut bench = Bench::new(|_| ());
+    let request = Message::TIMESYNC(TIMESYNC_DATA {
+        tc1: 0,
+        ts1: 77,
+        ..TIMESYNC_DATA::default()
+    });
+    bench.hear_autopilot(5, &request);
+    let answers = bench.take(LinkId::Autopilot);
+    let answer =
+        |m: &Message| matches!(m, Message::TIMESYNC(t) if t.ts1 == 77 && t.tc1 == 5_000_000);
+    assert!(answers.iter().any(answer), "{answers:?}");
+}
+
+#[test]
+fn a_frame_that_comes_back_on_the_other_link_is_not_forwarded_again() {
+    let mut bench = Bench::new(|_| ());
+    let beat = bench.hear_autopilot(0, &autopilot_heartbeat());
+    bench.sent.clear();
+    bench.step(1, Event::Received(LinkId::Ground, beat));
+    assert_eq!(bench.sent, []);
 }
 
 fn is_ours_only_for_the_ground(message: &Message) -> bool {
@@ -428,7 +452,7 @@ fn the_map_arrives_over_a_link_that_loses_a_fifth() {
     );
     let ended = SourceEnded {
         ending: Ending::Stopped,
-        ate_rmse_m: None,
+        ate: None,
         map: MapFigures {
             digest: map.digest(),
             tiles: 3,
@@ -472,7 +496,10 @@ fn the_report_is_written_when_the_recording_is_over_and_the_map_is_still_served(
     let empty = VoxelMap::new(0.05);
     let ended = SourceEnded {
         ending: Ending::Finished,
-        ate_rmse_m: Some(0.1),
+        ate: Some(crate::output::Ate {
+            rmse_m: 0.1,
+            frames: 1,
+        }),
         map: MapFigures {
             digest: empty.digest(),
             tiles: 0,
@@ -501,7 +528,7 @@ fn a_camera_that_fails_is_told_and_the_map_is_kept() {
     let mut bench = Bench::new(|_| ());
     let ended = SourceEnded {
         ending: Ending::Failed("rgb/7.jpg is damaged".into()),
-        ate_rmse_m: None,
+        ate: None,
         map: MapFigures {
             digest: MapDigest(1),
             tiles: 1,
