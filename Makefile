@@ -1,5 +1,5 @@
 # Two commands matter: `make demo` and `make test`. Both install what is missing first.
-.PHONY: demo test lint doc bench fuzz audit setup clean
+.PHONY: demo test lint doc bench audit setup clean
 
 # One mission, end to end, into out/demo. DEMO="--help" shows its options.
 demo: setup

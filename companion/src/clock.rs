@@ -30,7 +30,7 @@ impl Clock {
     }
 }
 
-/// The time since 1970 by the system's calendar clock, for file names and the doctor; zero before that.
+/// The time since 1970 by the system's calendar clock, for the number of the session and the doctor; zero before that.
 #[expect(
     clippy::disallowed_methods,
     reason = "the one place where calendar time comes from"

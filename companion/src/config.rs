@@ -1,6 +1,6 @@
 //! The configuration file: what flies, where its pictures come from, where its links go.
 //!
-//! Every key has a default with which the companion runs against the simulator; names end in their units; a key that
+//! Every key but `source.path` has a default with which the companion runs against the simulator; names end in their units; a key that
 //! does not exist is an error. [`Config::check`] turns the file into [`Settings`], where nothing can be wrong any more.
 
 mod settings;
@@ -64,7 +64,8 @@ pub struct Config {
     pub map: MapTable,
     /// `[links]`
     pub links: LinksTable,
-    /// `[origin]`; without it the origin is the autopilot's.
+    /// `[origin]`; without it the origin is the autopilot's home, whose height above mean sea level is then taken for
+    /// one above the ellipsoid: configure it where the two differ and heights matter.
     pub origin: Option<OriginTable>,
     /// `[output]`
     pub output: OutputTable,

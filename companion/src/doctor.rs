@@ -196,14 +196,14 @@ fn check_links(settings: &Settings, clock: Clock, listen: Duration) -> Vec<Check
 }
 
 fn judge_autopilot(heard: &Heard, own: Address, uri: &str, listen: Duration) -> Finding {
-    if let Some(station) = heard.ground_stations.first() {
-        return Finding::Note(format!(
-            "{uri}: ground station {station} speaks through the autopilot, which drops Tandem's messages: it needs \
-             links.ground too"
-        ));
-    }
     if heard.autopilots.contains(&own) {
-        return Finding::Ok(format!("{uri}, autopilot {own} heard"));
+        return match heard.ground_stations.first() {
+            Some(station) => Finding::Note(format!(
+                "{uri}: ground station {station} speaks through the autopilot, which drops Tandem's messages: it needs \
+                 links.ground too"
+            )),
+            None => Finding::Ok(format!("{uri}, autopilot {own} heard")),
+        };
     }
     let others: Vec<String> = heard.autopilots.iter().map(ToString::to_string).collect();
     Finding::Failed(if others.is_empty() {

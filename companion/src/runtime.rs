@@ -77,7 +77,7 @@ pub fn run(settings: &Settings, clock: Clock, events: Events) -> Result<(), RunE
         out: settings.out.clone(),
     };
     tracing::info!(address = %settings.address, source = source.name(), "companion started");
-    // The seconds since 1970 differ from start to start, even where they wrap around.
+    // Two starts share it only if they are a multiple of 18.2 hours apart, to the second.
     let session = since_1970().as_secs() as u16;
     let pipeline = Pipeline::start(source, plan, clock, events.sender.clone())?;
     let mut service = Service {

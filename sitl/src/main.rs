@@ -55,7 +55,7 @@ struct RunArgs {
     #[arg(
         long,
         value_name = "LAT,LON,ALT",
-        default_value = "50.7268,7.0865,60",
+        default_value = "50.7277,7.0866,110",
         allow_hyphen_values = true
     )]
     origin: Origin,

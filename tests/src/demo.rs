@@ -25,6 +25,9 @@ mod scenario;
 pub use report::{Parts, Report};
 pub use scenario::Scenario;
 
+/// The file that marks a folder as a mission's: what the operator did.
+const SCRIPT: &str = "operator.script";
+
 /// How long the operator's script may take.
 const PATIENCE: Duration = Duration::from_mins(10);
 
@@ -53,6 +56,12 @@ pub enum Window {
 pub fn run(scenario: &Scenario, options: &Options, started: Instant) -> anyhow::Result<Report> {
     let out = &options.out;
     if out.exists() {
+        // Anything else may be somebody's work.
+        ensure!(
+            out.join(SCRIPT).is_file() || fs::read_dir(out)?.next().is_none(),
+            "{} holds something that is no mission: name another folder with --out",
+            out.display()
+        );
         fs::remove_dir_all(out).with_context(|| format!("cannot clear {}", out.display()))?;
     }
     fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
@@ -132,7 +141,7 @@ fn start_groundstation(
     options: &Options,
     ports: Ports,
 ) -> anyhow::Result<Program> {
-    let script = options.out.join("operator.script");
+    let script = options.out.join(SCRIPT);
     fs::write(&script, scenario.script())
         .with_context(|| format!("cannot write {}", script.display()))?;
     let mut command = Command::new(options.programs.join("groundstation"));

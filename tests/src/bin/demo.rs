@@ -2,7 +2,7 @@
 
 use std::env;
 use std::io::{self, Write as _};
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Instant;
 
 use anyhow::{Context as _, bail};
@@ -10,16 +10,23 @@ use clap::Parser;
 use tests::demo::{self, Options, Scenario, Window};
 use tests::program::Show;
 
+/// Where the recording of walking people lies beside a developer's checkout.
+const RECORDING: &str = "../shared/data/rgbd/bonn_crowd_a";
+
 /// Runs one mission end to end: a recording becomes a map, the map crosses MAVLink, a rover drives a path planned on it.
 #[derive(Parser)]
-#[command(version)]
+#[command(name = "demo", version)]
 struct Arguments {
     /// Folder for what the mission leaves behind; cleared first
     #[arg(long, default_value = "out/demo")]
     out: PathBuf,
-    /// Recording of walking people in the TUM layout; where there is none, a simulated room is recorded instead
-    #[arg(long, default_value = "../shared/data/rgbd/bonn_crowd_a")]
-    recording: PathBuf,
+    /// Folder of Bonn's `rgbd_bonn_crowd`, or a part of it, in the TUM layout [default: ../shared/data/rgbd/bonn_crowd_a if
+    /// it is there, else the simulator records a room]
+    #[arg(long, value_name = "DIR", conflicts_with = "simulated")]
+    recording: Option<PathBuf>,
+    /// Map the simulated room even if there is a recording
+    #[arg(long)]
+    simulated: bool,
     /// Take pictures, open no window even if there is a display
     #[arg(long)]
     headless: bool,
@@ -32,9 +39,7 @@ fn main() -> anyhow::Result<()> {
     )]
     let started = Instant::now();
     let arguments = Arguments::parse();
-    let has_display = ["DISPLAY", "WAYLAND_DISPLAY"]
-        .iter()
-        .any(|name| env::var_os(name).is_some_and(|v| !v.is_empty()));
+    let has_display = env::var_os("DISPLAY").is_some_and(|display| !display.is_empty());
     let window = if has_display && !arguments.headless {
         Window::Open
     } else {
@@ -45,7 +50,11 @@ fn main() -> anyhow::Result<()> {
         .parent()
         .context("this program is in no folder")?
         .to_owned();
-    let scenario = Scenario::for_recording(&arguments.recording);
+    let scenario = match arguments.recording {
+        Some(recording) => Scenario::office(&recording)?,
+        None if arguments.simulated => Scenario::SimulatedRoom,
+        None => Scenario::office(Path::new(RECORDING)).unwrap_or(Scenario::SimulatedRoom),
+    };
 
     let options = Options {
         programs,

@@ -15,11 +15,11 @@ pub struct Report {
     pub tracked_share: f64,
     /// Absolute trajectory error against the recording's truth, SE(3)-aligned, root mean square over the tracked images.
     pub ate_rmse_m: f64,
-    /// Images that SLAM and mapping processed per second of wall time.
+    /// Images per second of time that tracking and mapping took, waiting and decoding left out.
     pub slam_fps: f64,
     /// Occupied voxels in the companion's final map.
     pub map_voxels_occupied: u64,
-    /// Tile versions that the companion sent whole.
+    /// Versions of tiles that the companion gave to the object transport.
     pub tiles_sent: u64,
     /// Tile versions that the ground station received whole.
     pub tiles_received: u64,
@@ -37,7 +37,7 @@ pub struct Report {
     pub mission_items: u64,
     /// Whether every uploaded mission read back equal.
     pub mission_readback_equal: bool,
-    /// Distance in truth from where the rover stopped to the last item of its mission.
+    /// Distance in truth from where the rover stopped to the last place of its mission (the goal, moved to where a path ends).
     pub rover_final_error_m: f64,
     /// Whether the copter, in truth, reached every item of its survey.
     pub copter_survey_completed: bool,
