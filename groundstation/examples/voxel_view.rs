@@ -1,7 +1,7 @@
-//! A picture of a map without a window: a furnished room made up here, as a camera sees it.
+//! A picture of a map without a window: of an `OctoMap` file, or of a furnished room made up here.
 //!
 //! ```text
-//! voxel_view OUT.png [--height] [--top] [--cut METRES] [--observed]
+//! voxel_view OUT.png [MAP.bt] [--height] [--top] [--cut METRES] [--observed]
 //! ```
 
 use std::collections::BTreeSet;
@@ -24,6 +24,8 @@ use nalgebra::{Translation3, UnitQuaternion, Vector3};
 struct Arguments {
     /// Where the picture goes.
     out: std::path::PathBuf,
+    /// An `OctoMap` binary tree.
+    map: Option<std::path::PathBuf>,
     /// Colours by height.
     #[arg(long)]
     height: bool,
@@ -53,7 +55,15 @@ struct Arguments {
 #[expect(clippy::print_stdout, reason = "the example's user reads it")]
 fn main() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
-    let map = room();
+    let map = match &arguments.map {
+        Some(path) => {
+            let file =
+                File::open(path).with_context(|| format!("cannot open {}", path.display()))?;
+            octomap::read_bt(std::io::BufReader::new(file))
+                .with_context(|| format!("cannot read {}", path.display()))?
+        }
+        None => room(),
+    };
     let mut scene = Scene::default();
     scene.clip_above_m = arguments.cut;
     if arguments.height {
@@ -63,7 +73,9 @@ fn main() -> anyhow::Result<()> {
         scene.look.surfaces = Surfaces::Observed;
     }
     scene.update_map(&map, &map.tile_ids());
-    furnish_with_a_mission(&mut scene);
+    if arguments.map.is_none() {
+        furnish_with_a_mission(&mut scene);
+    }
     let (low, high) = scene.bounds().context("the map is empty")?;
     let size_px = [1280, 800];
     let viewport = Viewport {

@@ -16,7 +16,7 @@ use wgpu::{Buffer, BufferUsages, CommandBuffer, Device, Queue, TextureFormat};
 use super::camera::{Camera3, Viewport};
 use super::mesh::TileMesh;
 use super::pipelines::Pipelines;
-use super::scene::{Scene, Surfaces};
+use super::scene::Scene;
 use super::sketch::Sketch;
 use super::view::{Globals, View, new_buffer};
 
@@ -158,7 +158,7 @@ impl Renderer {
         {
             let mut pass = view.picture.begin_pass(&mut encoder, scene.look.background);
             pass.set_bind_group(0, &view.globals_binding, &[]);
-            self.draw_voxels(&mut pass, view, &seen, scene.look.surfaces);
+            self.draw_voxels(&mut pass, view, &seen);
             let ground_segments = sketch.ground_segments as u32;
             self.draw_sketch(&mut pass, view, ground_segments, scene.look.grid);
         }
@@ -205,25 +205,15 @@ impl Renderer {
         self.indexed_quads = quads;
     }
 
-    fn draw_voxels(
-        &self,
-        pass: &mut wgpu::RenderPass<'_>,
-        view: &View,
-        seen: &[Arc<TileMesh>],
-        surfaces: Surfaces,
-    ) {
+    fn draw_voxels(&self, pass: &mut wgpu::RenderPass<'_>, view: &View, seen: &[Arc<TileMesh>]) {
         pass.set_pipeline(&self.pipelines.voxels);
         pass.set_vertex_buffer(1, view.tile_origins.buffer.slice(..));
         pass.set_index_buffer(self.indices.slice(..), wgpu::IndexFormat::Uint32);
         for (instance, mesh) in (0_u32..).zip(seen) {
-            let quads = match surfaces {
-                Surfaces::All => mesh.quads(),
-                Surfaces::Observed => mesh.observed_quads(),
-            };
             let uploaded = self.tiles.get(&(Arc::as_ptr(mesh) as usize));
             if let Some(vertices) = uploaded.and_then(|tile| tile.vertices.as_ref()) {
                 pass.set_vertex_buffer(0, vertices.slice(..));
-                pass.draw_indexed(0..6 * quads as u32, 0, instance..instance + 1);
+                pass.draw_indexed(0..6 * mesh.quads() as u32, 0, instance..instance + 1);
             }
         }
     }

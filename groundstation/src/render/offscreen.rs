@@ -337,6 +337,49 @@ mod tests {
     }
 
     #[test]
+    fn a_floor_is_shown_from_the_side_it_was_seen_from_only() {
+        let mut map = VoxelMap::new(0.1);
+        for x in -10..10 {
+            for y in -10..10 {
+                let color = Some(Rgb(RED));
+                map.set_voxel(
+                    VoxelKey { x, y, z: -1 },
+                    Voxel {
+                        log_odds: LogOdds(70),
+                        color,
+                    },
+                );
+                for z in 0..5 {
+                    let free = Voxel {
+                        log_odds: LogOdds(-40),
+                        color: None,
+                    };
+                    map.set_voxel(VoxelKey { x, y, z }, free);
+                }
+            }
+        }
+        let mut scene = Scene::default();
+        scene.look.grid = false;
+        scene.look.surfaces = Surfaces::Observed;
+        scene.update_map(&map, &map.tile_ids());
+        let scene = Arc::new(scene);
+        let mut device = device();
+        for lens in [Lens::Perspective, Lens::Parallel] {
+            for (pitch_rad, is_shown) in [(1.2, true), (0.5, true), (-0.5, false), (-1.2, false)] {
+                let frame = Frame {
+                    scene: Arc::clone(&scene),
+                    camera: Camera3::looking_at(Point::origin(), 0.7, pitch_rad, 5.0)
+                        .with_lens(lens),
+                    size_px: [123, 100],
+                };
+                let image = device.render(&frame).expect("a picture");
+                let [r, ..] = image.pixel(61, 50).expect("inside");
+                assert_eq!(r > 150, is_shown, "{pitch_rad} rad down, {lens:?}");
+            }
+        }
+    }
+
+    #[test]
     fn lines_and_vehicles_are_drawn_and_a_stale_vehicle_is_hollow() {
         let blue = [60, 120, 255];
         let mut scene = Scene::default();

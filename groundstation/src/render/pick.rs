@@ -4,6 +4,7 @@ use maps::frame::{Point, World};
 use maps::voxel::{Occupancy, VoxelKey, VoxelMap};
 
 use super::camera::Ray;
+use super::mesh::Facing;
 use super::scene::{Scene, Surfaces};
 
 /// What a ray meets.
@@ -63,15 +64,19 @@ fn is_side_shown(map: &VoxelMap, scene: &Scene, ray: Ray, key: VoxelKey, enters_
     if scene.look.surfaces == Surfaces::All {
         return true;
     }
-    // Half a voxel back along the axis of the side that was crossed last.
+    // The voxel before the side that was crossed last.
     let center = map.center_of(key).raw;
     let from_center = ray.at(enters_m).raw - center;
     let axis = from_center.iamax();
-    let mut before = center;
-    before[axis] += map.resolution_m() * from_center[axis].signum();
-    let before = map.key_of(Point::from_raw(before));
-    let is_cut = scene.top().is_some_and(|top| before.z >= top);
-    is_cut || map.occupancy(before) == Occupancy::Free
+    let mut before = [key.x, key.y, key.z];
+    before[axis] += if from_center[axis] > 0.0 { 1 } else { -1 };
+    let occupancy = |[x, y, z]: [i32; 3]| map.occupancy(VoxelKey { x, y, z });
+    let is_above_cut = scene.top().is_some_and(|top| before[2] >= top);
+    if is_above_cut && occupancy(before) == Occupancy::Occupied {
+        return true;
+    }
+    let facing = Facing::of([key.x, key.y, key.z], |at| occupancy(at) == Occupancy::Free);
+    !facing.hides(ray.direction.raw, occupancy(before) == Occupancy::Unknown)
 }
 
 /// How far along the ray it leaves the voxel.

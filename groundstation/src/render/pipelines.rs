@@ -79,8 +79,7 @@ impl Pipelines {
     }
 }
 
-const VOXEL_ATTRIBUTES: [wgpu::VertexAttribute; 2] =
-    vertex_attr_array![0 => Uint8x4, 1 => Unorm8x4];
+const VOXEL_ATTRIBUTES: [wgpu::VertexAttribute; 2] = vertex_attr_array![0 => Uint8x4, 1 => Uint8x4];
 const TILE_ATTRIBUTES: [wgpu::VertexAttribute; 1] = vertex_attr_array![2 => Float32x4];
 const PLAIN_ATTRIBUTES: [wgpu::VertexAttribute; 3] =
     vertex_attr_array![0 => Float32x3, 1 => Snorm8x4, 2 => Unorm8x4];

@@ -35,7 +35,7 @@ pub enum Surfaces {
     /// All that are not covered by another voxel.
     #[default]
     All,
-    /// Only those a sensor looked at: walls are transparent from behind.
+    /// Only of voxels that face the camera, as [`super::mesh`] tells: walls and ceilings are transparent from outside.
     Observed,
 }
 
@@ -335,12 +335,12 @@ impl Scene {
         let mesh = mesh::mesh_tile(map, id, self.top).map(Arc::new);
         let now = mesh
             .as_ref()
-            .map_or_else(mesh::unknown_borders, |mesh| mesh.borders);
+            .map_or(mesh::UNKNOWN_BORDERS, |mesh| mesh.borders);
         let before = match mesh {
             Some(mesh) => self.meshes.insert(id, SharedMesh(mesh)),
             None => self.meshes.remove(&id),
         };
-        let before = before.map_or_else(mesh::unknown_borders, |mesh| mesh.0.borders);
+        let before = before.map_or(mesh::UNKNOWN_BORDERS, |mesh| mesh.0.borders);
         std::array::from_fn(|side| now[side] != before[side])
     }
 }

@@ -5,6 +5,8 @@ struct Globals {
     clip_from_eye: mat4x4f,
     /// Of the world's origin; w: how many metres lines and overlays are lifted towards the eye.
     eye: vec4f,
+    /// Where the camera looks; w: 1 if voxels that face away from it are not shown.
+    forward: vec4f,
     size_px: vec2f,
     /// Lowest and highest of the colour ramp.
     ramp_m: vec2f,
@@ -53,23 +55,44 @@ struct Shaded {
     @location(0) color: vec4f,
 }
 
+/// Whether the voxel is seen from behind: `Facing::hides` in Rust.
+fn is_hidden(facing: u32, is_unseen: bool, center_from_eye: vec3f) -> bool {
+    if globals.forward.w == 0.0 {
+        return false;
+    }
+    if facing == 13u {
+        return is_unseen;
+    }
+    let direction = select(normalize(center_from_eye), globals.forward.xyz, globals.modes.y == 1u);
+    let normal = vec3f(vec3u(facing % 3u, (facing / 3u) % 3u, facing / 9u)) - 1.0;
+    return dot(normalize(normal), direction) > 0.15;
+}
+
 @vertex
 fn voxel_vertex(
     @location(0) place: vec4u,
-    @location(1) color: vec4f,
+    @location(1) color: vec4u,
     @location(2) tile: vec4f,
 ) -> Shaded {
-    let from_eye = tile.xyz + vec3f(place.xyz) * tile.w;
+    let voxel = vec3f(place.xyz & vec3u(127u));
+    let from_eye = tile.xyz + (voxel + vec3f(place.xyz >> vec3u(7u))) * tile.w;
     let side = place.w & 7u;
     var normal = vec3f(0.0);
     normal[side >> 1u] = 1.0 - 2.0 * f32(side & 1u);
     let open = f32((place.w >> 3u) & 3u) / 3.0;
     let has_color = (place.w & 32u) != 0u;
     let is_cut = (place.w & 64u) != 0u;
+    let is_unseen = (place.w & 128u) != 0u;
+    var out: Shaded;
+    if is_hidden(color.w & 31u, is_unseen, tile.xyz + (voxel + 0.5) * tile.w) && !is_cut {
+        // All corners in one place: no triangle.
+        out.clip = vec4f(0.0, 0.0, 0.0, 1.0);
+        return out;
+    }
 
-    var base = color.rgb;
+    var base = vec3f(color.rgb) / 255.0;
     if globals.modes.x == 2u {
-        base = ramp_color(color.a);
+        base = ramp_color(f32(color.w >> 5u) / 7.0);
     } else if globals.modes.x == 1u || !has_color {
         let height_m = from_eye.z + globals.eye.z;
         base = ramp_color((height_m - globals.ramp_m.x) / max(globals.ramp_m.y - globals.ramp_m.x, 1e-3));
@@ -77,7 +100,6 @@ fn voxel_vertex(
     if is_cut {
         base = mix(base, vec3f(0.16, 0.17, 0.20), 0.72);
     }
-    var out: Shaded;
     out.clip = to_clip(from_eye);
     out.color = vec4f(base * light(normal) * (0.52 + 0.48 * open), 1.0);
     return out;

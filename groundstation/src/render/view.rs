@@ -11,7 +11,7 @@ use super::gpu::Frame;
 use super::grid::Grid;
 use super::pipelines::{COLOR, DEPTH, Pipelines, SAMPLES};
 use super::ramp::ramp;
-use super::scene::{Coloring, Scene};
+use super::scene::{Coloring, Scene, Surfaces};
 use super::sketch::{PlainVertex, Segment};
 
 /// A picture and what was drawn into it.
@@ -41,6 +41,7 @@ pub(crate) struct Picture {
 pub(crate) struct Globals {
     clip_from_eye: [[f32; 4]; 4],
     eye: [f32; 4],
+    forward: [f32; 4],
     size_px: [f32; 2],
     ramp_m: [f32; 2],
     modes: [u32; 2],
@@ -168,10 +169,13 @@ impl Globals {
         let eye = camera.eye().raw.map(|c| c as f32);
         // Lines and overlays on the floor lie within its voxels: half above it and half below.
         let lift_m = 1.5 * scene.resolution_m().max(0.01);
+        let forward = camera.axes()[2].map(|c| c as f32);
+        let hides_backs = u8::from(scene.look.surfaces == Surfaces::Observed);
         let clip_from_eye = camera.clip_from_eye(viewport).map(|c| c as f32);
         Self {
             clip_from_eye: clip_from_eye.into(),
             eye: [eye.x, eye.y, eye.z, lift_m as f32],
+            forward: [forward.x, forward.y, forward.z, f32::from(hides_backs)],
             size_px: [viewport.width as f32, viewport.height as f32],
             ramp_m: scene.heights_m().map(|m| m as f32),
             modes: [
