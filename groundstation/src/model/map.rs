@@ -14,6 +14,8 @@ use mavlink_ext::Address;
 
 use super::Timed;
 
+/// No mission needs more tiles, and a broken sender shall not fill the memory.
+const MAX_TILES: usize = 2048;
 /// A changed map is hashed at most this often.
 const DIGEST_EVERY: Duration = Duration::from_secs(1);
 
@@ -136,6 +138,10 @@ impl MapState {
             .get(&tile.id)
             .is_some_and(|known| *known >= tile.version)
         {
+            return false;
+        }
+        if self.versions.len() >= MAX_TILES && !self.versions.contains_key(&tile.id) {
+            self.refuse(format!("the map has {MAX_TILES} tiles already"));
             return false;
         }
         let voxels = self

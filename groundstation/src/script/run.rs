@@ -167,7 +167,7 @@ fn progress(
         Step::Screenshot(_) | Step::View(_) | Step::Layer(..) | Step::Replay(_) | Step::Quit => {
             Progress::Done
         }
-        Step::Do(command) => command_progress(command, started, now, model),
+        Step::Do(command) => command_progress(command, model),
     }
 }
 
@@ -248,7 +248,7 @@ fn map_progress(model: &Model) -> Progress {
     ))
 }
 
-fn command_progress(command: &Command, started: Stamp, now: Stamp, model: &Model) -> Progress {
+fn command_progress(command: &Command, model: &Model) -> Progress {
     let mission = |id: &SystemId| model.missions.get(id);
     match command {
         Command::Acknowledge(_) | Command::DiscardPlan(_) => Progress::Done,
@@ -285,18 +285,12 @@ fn command_progress(command: &Command, started: Stamp, now: Stamp, model: &Model
                 Progress::Failed("there is nothing to upload".to_owned())
             }
         },
-        Command::Order(id, order) => order_progress(*id, *order, started, now, model),
+        Command::Order(id, order) => order_progress(*id, *order, model),
     }
 }
 
 /// An order is done when telemetry shows its effect, whatever the answer was.
-fn order_progress(
-    id: SystemId,
-    order: Order,
-    started: Stamp,
-    now: Stamp,
-    model: &Model,
-) -> Progress {
+fn order_progress(id: SystemId, order: Order, model: &Model) -> Progress {
     let latest = model
         .orders
         .iter()
@@ -320,7 +314,6 @@ fn order_progress(
     if sent.confirmed_at.is_some() {
         return Progress::Done;
     }
-    let _ = (started, now);
     Progress::Waiting(if sent.is_open() {
         "the vehicle has not answered".to_owned()
     } else {

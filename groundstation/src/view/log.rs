@@ -8,6 +8,8 @@ use crate::model::log::{LogLine, Severity};
 
 /// The messages, scrolled to the newest.
 pub fn log_ui(ui: &mut Ui, model: &Model) {
+    // Lines of text, not of buttons.
+    ui.spacing_mut().interact_size.y = 0.0;
     if model.log.iter().len() == 0 {
         ui.label(RichText::new("No messages yet.").color(theme::DIM));
         return;

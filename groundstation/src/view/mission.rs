@@ -85,7 +85,8 @@ fn figures_ui(ui: &mut Ui, plan: &Plan) {
     };
     egui::Grid::new("plan figures")
         .num_columns(2)
-        .spacing([14.0, 3.0])
+        .spacing([14.0, 2.0])
+        .min_row_height(16.0)
         .show(ui, |ui| {
             for (name, value) in figures
                 .into_iter()
@@ -157,7 +158,7 @@ fn progress_ui(ui: &mut Ui, vehicle: &Vehicle, mission: &Mission) {
     let words = if progress.value.complete {
         "Mission complete".to_owned()
     } else {
-        format!("Under way: item {at} of {last}")
+        format!("Under way: item {at} of {}", plan.items.len())
     };
     ui.label(words);
     widgets::bar(ui, at as f32 / last as f32, theme::vehicle(vehicle.id));
@@ -174,7 +175,12 @@ fn buttons_ui(
     let heard = vehicle.presence(model.now) == Presence::Present;
     ui.horizontal_wrapped(|ui| {
         let label = format!("Upload to {name}");
-        if widgets::hold_button(ui, &label, widgets::HOLD, heard && mission.can_upload()) {
+        if widgets::hold_button(
+            ui,
+            &label,
+            widgets::Hold::short("replaces the mission on board"),
+            heard && mission.can_upload(),
+        ) {
             commands.push(Command::Upload(vehicle.id));
         }
         let discard = egui::Button::new("Discard plan");

@@ -9,6 +9,8 @@ use crate::model::orders::{OrderState, SentOrder};
 
 /// The list.
 pub fn orders_ui(ui: &mut Ui, model: &Model) {
+    // Lines of text, not of buttons.
+    ui.spacing_mut().interact_size.y = 0.0;
     if model.orders.iter().len() == 0 {
         ui.label(RichText::new("Nothing has been ordered yet.").color(theme::DIM));
     }

@@ -104,7 +104,13 @@ pub(crate) fn state_of(model: &Model, vehicle: &Vehicle) -> (String, Color32) {
     let heartbeat = vehicle.heartbeat.value;
     if vehicle.presence(model.now) == Presence::Lost {
         let age = widgets::age_text(vehicle.heartbeat.age(model.now));
-        return (format!("LINK LOST {age}"), theme::RED);
+        // As its alert: only a vehicle that can do harm is a warning.
+        let ink = if heartbeat.armed {
+            theme::RED
+        } else {
+            theme::AMBER
+        };
+        return (format!("LINK LOST {age}"), ink);
     }
     let mode = heartbeat.mode;
     if heartbeat.system_status >= 5 {

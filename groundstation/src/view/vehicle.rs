@@ -5,6 +5,7 @@ use std::time::Duration;
 use egui::{RichText, Ui};
 
 use super::status::state_of;
+use super::widgets::Hold;
 use super::{theme, widgets};
 use crate::command::{Command, Order};
 use crate::model::vehicle::{Presence, Vehicle};
@@ -12,6 +13,8 @@ use crate::model::{Model, Source};
 use crate::modes::Mode;
 
 const FAST: Duration = Duration::from_millis(500);
+/// Rows of values are lower than rows of buttons.
+const ROW: f32 = 16.0;
 const SLOW: Duration = Duration::from_secs(2);
 
 /// All vehicles.
@@ -40,7 +43,8 @@ fn vehicle_ui(ui: &mut Ui, model: &Model, vehicle: &Vehicle, commands: &mut Vec<
     });
     egui::Grid::new(("telemetry", vehicle.id.0))
         .num_columns(2)
-        .spacing([14.0, 3.0])
+        .spacing([14.0, 2.0])
+        .min_row_height(ROW)
         .show(ui, |ui| {
             telemetry_ui(ui, model, vehicle);
         });
@@ -79,11 +83,9 @@ fn telemetry_ui(ui: &mut Ui, model: &Model, vehicle: &Vehicle) {
         (now, FAST),
         |attitude| {
             let heading = attitude.heading_deg().round() as u32 % 360;
-            format!(
-                "{heading:03}°  roll {:+.0}° pitch {:+.0}°",
-                attitude.roll_deg(),
-                attitude.pitch_deg()
-            )
+            let whole = |deg: f64| deg.round() as i32;
+            let (roll, pitch) = (whole(attitude.roll_deg()), whole(attitude.pitch_deg()));
+            format!("{heading:03}°  roll {roll:+}° pitch {pitch:+}°")
         },
     );
     widgets::value_ui(
@@ -136,7 +138,14 @@ fn orders_ui(ui: &mut Ui, model: &Model, vehicle: &Vehicle, commands: &mut Vec<C
     let mut order = |order: Order| commands.push(Command::Order(vehicle.id, order));
     ui.add_space(4.0);
     ui.horizontal_wrapped(|ui| {
-        if !armed && widgets::hold_button(ui, &format!("Arm {name}"), widgets::HOLD_LONG, heard) {
+        if !armed
+            && widgets::hold_button(
+                ui,
+                &format!("Arm {name}"),
+                Hold::long("starts the motors"),
+                heard,
+            )
+        {
             order(Order::Arm);
         }
         if armed {
@@ -144,7 +153,7 @@ fn orders_ui(ui: &mut Ui, model: &Model, vehicle: &Vehicle, commands: &mut Vec<C
             if widgets::hold_button(
                 ui,
                 &format!("Disarm {name}"),
-                widgets::HOLD_LONG,
+                Hold::long("stops the motors"),
                 on_the_ground,
             ) {
                 order(Order::Disarm);
@@ -161,7 +170,7 @@ fn orders_ui(ui: &mut Ui, model: &Model, vehicle: &Vehicle, commands: &mut Vec<C
         if widgets::hold_button(
             ui,
             &format!("Start mission {name}"),
-            widgets::HOLD,
+            Hold::short("the vehicle sets off by itself"),
             can_start,
         ) {
             order(Order::StartMission);
@@ -169,13 +178,23 @@ fn orders_ui(ui: &mut Ui, model: &Model, vehicle: &Vehicle, commands: &mut Vec<C
         if vehicle.kind.flies() && armed && !vehicle.is_airborne() {
             let altitude_m = model.config.survey.altitude_m;
             let label = format!("Take off {name} to {altitude_m:.1} m");
-            if widgets::hold_button(ui, &label, widgets::HOLD_LONG, heard) {
+            if widgets::hold_button(
+                ui,
+                &label,
+                Hold::long("the vehicle leaves the ground"),
+                heard,
+            ) {
                 order(Order::Takeoff { altitude_m });
             }
         }
         if vehicle.kind.flies()
             && vehicle.is_airborne()
-            && widgets::hold_button(ui, &format!("Land {name}"), widgets::HOLD, heard)
+            && widgets::hold_button(
+                ui,
+                &format!("Land {name}"),
+                Hold::short("the vehicle comes down where it is"),
+                heard,
+            )
         {
             order(Order::Land);
         }

@@ -12,14 +12,35 @@ use super::theme;
 use crate::model::{Freshness, Timed};
 use crate::modes::Kind;
 
-/// Hold for a change of mode, a start, a landing.
-pub const HOLD: Duration = Duration::from_millis(500);
-/// Hold for what starts motors.
-pub const HOLD_LONG: Duration = Duration::from_secs(1);
+/// How long a button must be held, and what happens then.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Hold {
+    span: Duration,
+    consequence: &'static str,
+}
+
+impl Hold {
+    /// For a start, a landing, an upload: half a second prevents a slip and costs no safety.
+    pub const fn short(consequence: &'static str) -> Self {
+        Self {
+            span: Duration::from_millis(500),
+            consequence,
+        }
+    }
+
+    /// For what starts or stops motors.
+    pub const fn long(consequence: &'static str) -> Self {
+        Self {
+            span: Duration::from_secs(1),
+            consequence,
+        }
+    }
+}
 
 /// A button that acts only when it was held down for `span`; letting go before cancels. `label` names the target: another
 /// label is another button, so a hold ends when the active vehicle changes.
-pub fn hold_button(ui: &mut Ui, label: &str, span: Duration, enabled: bool) -> bool {
+pub fn hold_button(ui: &mut Ui, label: &str, hold: Hold, enabled: bool) -> bool {
+    let span = hold.span;
     let font = TextStyle::Button.resolve(ui.style());
     let ink = if enabled {
         theme::TEXT
@@ -58,7 +79,10 @@ pub fn hold_button(ui: &mut Ui, label: &str, span: Duration, enabled: bool) -> b
     }
     painter.galley(rect.center() - galley.size() / 2.0, galley, ink);
     let seconds = span.as_secs_f32();
-    response.on_hover_text(format!("press and hold for {seconds} s"));
+    response.on_hover_text(format!(
+        "{}\npress and hold for {seconds} s",
+        hold.consequence
+    ));
     done
 }
 

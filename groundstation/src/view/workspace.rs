@@ -69,7 +69,7 @@ impl Default for Workspace {
         let right = split(
             &mut tiles,
             LinearDir::Vertical,
-            &[(vehicles, 0.56), (mission, 0.24), (orders, 0.2)],
+            &[(vehicles, 0.6), (mission, 0.25), (orders, 0.15)],
         );
         let root = split(
             &mut tiles,
