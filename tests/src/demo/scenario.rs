@@ -107,7 +107,7 @@ impl Scenario {
     /// and north of the map's origin, degrees counter-clockwise from east.
     pub(super) fn rover_start(&self) -> &'static str {
         match self {
-            Self::Office { .. } => "2.0,0.0,-120",
+            Self::Office { .. } => "1.85,-0.4,-120",
             Self::SimulatedRoom => "1.5,0.0,0",
         }
     }
