@@ -9,7 +9,7 @@ demo: setup
 # Every test: unit, property, end to end and with real peers.
 test:
 	tools/setup peers
-	cargo build --workspace --locked --bins
+	cargo build --workspace --locked --bins --tests
 	if cargo nextest --version >/dev/null 2>&1; then cargo nextest run --workspace --locked; \
 	else cargo test --workspace --locked --lib --bins --tests; fi
 	cargo test --workspace --locked --doc

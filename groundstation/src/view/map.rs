@@ -44,7 +44,7 @@ pub struct MapView {
     navigation: Navigation,
     drag: Option<Point<World>>,
     follow: Option<SystemId>,
-    wanted: Option<CameraCommand>,
+    wanted: Vec<CameraCommand>,
     viewport: Viewport,
     touched: bool,
     fitted_tiles: usize,
@@ -64,7 +64,7 @@ impl Default for MapView {
             navigation: Navigation::default(),
             drag: None,
             follow: None,
-            wanted: None,
+            wanted: Vec::new(),
             viewport: Viewport {
                 width: 960.0,
                 height: 720.0,
@@ -79,7 +79,7 @@ impl MapView {
     /// Moves the camera when it is next drawn.
     pub fn command(&mut self, command: CameraCommand) {
         self.touched = true;
-        self.wanted = Some(command);
+        self.wanted.push(command);
     }
 
     /// Starts with an empty map, as a replay that was wound back does.
@@ -123,48 +123,48 @@ impl MapView {
             self.fitted_tiles = grown;
             self.camera = self.camera.fitted(low, high, self.viewport);
         }
-        let looking = |camera: Camera3, target: Point<World>, distance_m: f64| {
-            Camera3::looking_at(target, camera.heading_rad(), camera.pitch_rad(), distance_m)
-                .with_lens(camera.lens())
-        };
-        match self.wanted.take() {
-            None => {}
-            Some(CameraCommand::Top) => {
-                self.camera = self.camera.top_down().fitted(low, high, self.viewport);
-            }
-            Some(CameraCommand::Fit) => self.camera = self.camera.fitted(low, high, self.viewport),
-            Some(CameraCommand::Free) => self.follow = None,
-            Some(CameraCommand::Follow(id)) => self.follow = Some(id),
-            Some(CameraCommand::Orbit {
-                azimuth_deg,
-                elevation_deg,
-                distance_m,
-            }) => {
-                let heading_rad = (90.0 - azimuth_deg).to_radians();
-                let target = self.camera.target();
-                self.camera = Camera3::looking_at(
-                    target,
-                    heading_rad,
-                    elevation_deg.to_radians(),
-                    distance_m,
-                );
-            }
-            Some(CameraCommand::LookAt { x_m, y_m, z_m }) => {
-                self.camera = looking(
-                    self.camera,
-                    Point::new(x_m, y_m, z_m),
-                    self.camera.distance_m(),
-                );
-            }
+        for command in std::mem::take(&mut self.wanted) {
+            self.obey(command, low, high);
         }
         let followed = self
             .follow
             .and_then(|id| model.vehicles.get(&id))
             .and_then(|vehicle| vehicle.position);
         if let Some(position) = followed {
-            self.camera = looking(self.camera, position.value, self.camera.distance_m());
+            self.camera = looking_at(self.camera, position.value);
         }
     }
+
+    fn obey(&mut self, command: CameraCommand, low: Point<World>, high: Point<World>) {
+        match command {
+            CameraCommand::Top => {
+                self.camera = self.camera.top_down().fitted(low, high, self.viewport);
+            }
+            CameraCommand::Fit => self.camera = self.camera.fitted(low, high, self.viewport),
+            CameraCommand::Free => self.follow = None,
+            CameraCommand::Follow(id) => self.follow = Some(id),
+            CameraCommand::Orbit {
+                azimuth_deg,
+                elevation_deg,
+                distance_m,
+            } => {
+                let heading_rad = (90.0 - azimuth_deg).to_radians();
+                let pitch_rad = elevation_deg.to_radians();
+                let target = self.camera.target();
+                self.camera = Camera3::looking_at(target, heading_rad, pitch_rad, distance_m);
+            }
+            CameraCommand::LookAt { x_m, y_m, z_m } => {
+                self.camera = looking_at(self.camera, Point::new(x_m, y_m, z_m));
+            }
+        }
+    }
+}
+
+/// The camera moved to look at `target`, from the same side and distance.
+fn looking_at(camera: Camera3, target: Point<World>) -> Camera3 {
+    let (heading_rad, pitch_rad) = (camera.heading_rad(), camera.pitch_rad());
+    Camera3::looking_at(target, heading_rad, pitch_rad, camera.distance_m())
+        .with_lens(camera.lens())
 }
 
 /// The map with its tools; gives back what was planned on it.
@@ -216,5 +216,32 @@ fn touched(model: &Model, scene: &Scene, ray: Ray) -> Option<Point<World>> {
             .distance_to_height_m(0.0)
             .filter(|m| *m < 10_000.0)
             .map(|m| ray.at(m)),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::config::Config;
+    use crate::model::Source;
+
+    #[test]
+    fn two_commands_before_the_next_picture_both_count() {
+        let model = Model::new(Config::default(), Source::Live, 0);
+        let mut view = MapView::default();
+        view.command(CameraCommand::Orbit {
+            azimuth_deg: 90.0,
+            elevation_deg: 40.0,
+            distance_m: 6.0,
+        });
+        view.command(CameraCommand::LookAt {
+            x_m: 2.0,
+            y_m: -1.0,
+            z_m: 0.5,
+        });
+        view.move_camera(&model);
+        assert!((view.camera.distance_m() - 6.0).abs() < 1e-9);
+        let off = view.camera.target() - Point::new(2.0, -1.0, 0.5);
+        assert!(off.norm() < 1e-9, "looks {} m past it", off.norm());
     }
 }
