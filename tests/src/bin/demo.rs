@@ -20,7 +20,7 @@ struct Arguments {
     /// Folder for what the mission leaves behind; cleared first
     #[arg(long, default_value = "out/demo")]
     out: PathBuf,
-    /// Folder of Bonn's `rgbd_bonn_crowd`, or a part of it, in the TUM layout [default: ../shared/data/rgbd/bonn_crowd_a if
+    /// Folder of Bonn's `rgbd_bonn_crowd`, or a part of it, in the TUM layout [default: `../shared/data/rgbd/bonn_crowd_a` if
     /// it is there, else the simulator records a room]
     #[arg(long, value_name = "DIR", conflicts_with = "simulated")]
     recording: Option<PathBuf>,
