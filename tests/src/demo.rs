@@ -65,12 +65,16 @@ pub fn run(scenario: &Scenario, options: &Options, started: Instant) -> anyhow::
         fs::remove_dir_all(out).with_context(|| format!("cannot clear {}", out.display()))?;
     }
     fs::create_dir_all(out).with_context(|| format!("cannot make {}", out.display()))?;
+    // First of all: a mission that is interrupted anywhere must not keep the next one from clearing its folder.
+    let script = out.join(SCRIPT);
+    fs::write(&script, scenario.script())
+        .with_context(|| format!("cannot write {}", script.display()))?;
     scenario.prepare(options)?;
     let ports = Ports::free()?;
 
     let config = scenario.companion_config(options, ports)?;
     let mut companion = start_companion(&config, options)?;
-    let mut groundstation = start_groundstation(scenario, options, ports)?;
+    let mut groundstation = start_groundstation(options, ports)?;
     let mut sitl = start_sitl(scenario, &scenario::origin(&config)?, options, ports)?;
     groundstation.wait(PATIENCE)?;
     companion.stop(Duration::from_secs(30))?;
@@ -136,21 +140,14 @@ fn start_companion(config: &Table, options: &Options) -> anyhow::Result<Program>
     )
 }
 
-fn start_groundstation(
-    scenario: &Scenario,
-    options: &Options,
-    ports: Ports,
-) -> anyhow::Result<Program> {
-    let script = options.out.join(SCRIPT);
-    fs::write(&script, scenario.script())
-        .with_context(|| format!("cannot write {}", script.display()))?;
+fn start_groundstation(options: &Options, ports: Ports) -> anyhow::Result<Program> {
     let mut command = Command::new(options.programs.join("groundstation"));
     command
         .arg("--connect")
         .arg(format!("udpin:127.0.0.1:{}", ports.ground));
     command
         .arg("--script")
-        .arg(script)
+        .arg(options.out.join(SCRIPT))
         .arg("--screenshot")
         .arg(&options.out);
     command
