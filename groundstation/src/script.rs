@@ -52,7 +52,7 @@ headings degrees clockwise from north, N the system id of a vehicle.
   takeoff N alt A | land N | rtl N | hold N | mode N NAME
   view top | view fit | view follow N | view free
   view orbit AZIMUTH ELEVATION DISTANCE | view look-at X Y Z
-  show LAYER | hide LAYER              map grid traversability tracks plans axes
+  show LAYER | hide LAYER              map grid traversability tracks plans camera axes
   replay play | replay pause | replay speed X | replay seek SECONDS
 ";
 

@@ -11,7 +11,7 @@ mod odometry;
 mod pose;
 
 pub use item::{ItemError, MissionFrame, MissionItem};
-pub use odometry::{Odometry, odometry_message};
+pub use odometry::{Odometry, odometry_message, odometry_pose};
 pub use pose::{
     Attitude, LocalPosition, attitude, global_position, local_position, world_from_body,
 };

@@ -49,6 +49,8 @@ pub enum Cause {
     Said(SystemId, String),
     /// No companion is heard any more.
     CompanionLost(SystemId),
+    /// The camera that builds the map does not know where it is.
+    CameraLost(SystemId),
     /// The companion has finished and its map is not ours.
     MapDiffers,
     /// A link cannot be used.

@@ -83,7 +83,7 @@ pub struct Companion {
     pub heard_at: Option<Stamp>,
     /// What it says of its work.
     pub status: Option<Timed<CompanionStatus>>,
-    /// Where its own odometry puts the vehicle's body.
+    /// Where its own odometry puts the body that carries the camera, while it knows.
     pub world_from_body: Option<Timed<Isometry<World, Body>>>,
 }
 

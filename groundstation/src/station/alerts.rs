@@ -5,7 +5,7 @@ use std::time::Duration;
 use super::Station;
 use crate::model::alerts::{Cause, Level};
 use crate::model::log::Severity;
-use crate::model::map::Agreement;
+use crate::model::map::{Agreement, Tracking};
 use crate::model::missions::Transfer;
 use crate::model::vehicle::{Presence, Vehicle};
 use crate::model::{LINK_LOST_AFTER, Model};
@@ -154,6 +154,17 @@ fn judge_map(model: &Model, found: &mut Found) {
             };
             let text = format!("companion {address}: not heard any more");
             found.push((level, Cause::CompanionLost(address.system), text));
+            continue;
+        }
+        let lost = companion
+            .status
+            .as_ref()
+            .is_some_and(|status| status.value.tracking == Tracking::Lost);
+        if lost && !finished {
+            let text = format!(
+                "companion {address}: the camera has lost its place, the map does not grow"
+            );
+            found.push((Level::Caution, Cause::CameraLost(address.system), text));
         }
     }
     if model.map.agreement() == Agreement::Differs {

@@ -38,6 +38,14 @@ impl Station {
             Message::TANDEM_OBJECT(_) | Message::TANDEM_SYMBOL(_) => {
                 self.hear_object(now, from, message, outbox);
             }
+            // Where the map was seen from; of a companion that is known to build it.
+            Message::ODOMETRY(odometry) => {
+                if let Some(companion) = self.model.map.companions.get_mut(&from)
+                    && let Some(pose) = convert::odometry_pose(odometry)
+                {
+                    companion.world_from_body = Some(Timed::new(pose, now));
+                }
+            }
             Message::HEARTBEAT(_) => {
                 if let Some(companion) = self.model.map.companions.get_mut(&from) {
                     companion.heard_at = Some(now);

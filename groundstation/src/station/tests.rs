@@ -2,15 +2,16 @@
 
 use std::time::Duration;
 
-use maps::frame::Point;
+use maps::frame::{Isometry, Point};
 use maps::scan::Scan;
 use maps::time::Stamp;
 use maps::voxel::{Rgb, VoxelMap};
 use mavlink_ext::command::Incoming;
+use mavlink_ext::convert::{Odometry, odometry_message};
 use mavlink_ext::dialect::tandem::{
     ATTITUDE_DATA, GLOBAL_POSITION_INT_DATA, HEARTBEAT_DATA, MISSION_CURRENT_DATA, MavAutopilot,
-    MavModeFlag, MavResult, MavSeverity, MavState, MavType, MissionState, STATUSTEXT_DATA,
-    TANDEM_ORIGIN_DATA, TANDEM_STATUS_DATA,
+    MavModeFlag, MavResult, MavSeverity, MavState, MavType, MissionState, ODOMETRY_DATA,
+    STATUSTEXT_DATA, TANDEM_ORIGIN_DATA, TANDEM_STATUS_DATA, TandemTracking,
 };
 use mavlink_ext::dialect::{char_array, cmd};
 use mavlink_ext::mission::Server;
@@ -692,18 +693,77 @@ fn deliver_map(bench: &mut Bench, map: &VoxelMap) {
     assert!(sender.is_idle(), "every tile is delivered");
 }
 
+fn status(digest: u64, flags: u8) -> Message {
+    Message::TANDEM_STATUS(TANDEM_STATUS_DATA {
+        map_digest: digest,
+        flags,
+        ..TANDEM_STATUS_DATA::default()
+    })
+}
+
+#[test]
+fn a_companions_camera_is_where_its_odometry_says_while_that_is_sound() {
+    let mut bench = Bench::new(Source::Live);
+    let odometry = Odometry {
+        at: Stamp::ZERO,
+        world_from_body: Isometry::claim(nalgebra::Isometry3::translation(1.0, 2.0, 3.0)),
+        velocity: None,
+        turn_rate: None,
+        covariance: None,
+        reset_counter: 0,
+        quality: 90,
+    };
+    let told = odometry_message(&odometry);
+    let place = |bench: &Bench| {
+        let companion = bench.model().map.companions.get(&COMPANION)?;
+        Some(companion.world_from_body?.value.translation())
+    };
+    bench.hear(COMPANION, &Message::ODOMETRY(told.clone()));
+    assert_eq!(place(&bench), None, "nobody that builds a map");
+    bench.hear(COMPANION, &status(0, 0));
+    bench.hear(COMPANION, &Message::ODOMETRY(told.clone()));
+    let failed = ODOMETRY_DATA {
+        quality: -1,
+        x: 9.0,
+        ..told
+    };
+    bench.hear(COMPANION, &Message::ODOMETRY(failed));
+    let error = place(&bench).expect("told") - Point::new(1.0, 2.0, 3.0);
+    assert!(error.norm() < 1e-6, "{error:?}");
+}
+
+#[test]
+fn a_camera_that_has_lost_its_place_is_a_caution_until_the_recording_ends() {
+    let mut bench = Bench::new(Source::Live);
+    let lost = |flags| {
+        Message::TANDEM_STATUS(TANDEM_STATUS_DATA {
+            tracking: TandemTracking::TANDEM_TRACKING_LOST as u8,
+            flags,
+            ..TANDEM_STATUS_DATA::default()
+        })
+    };
+    let is_told = |bench: &Bench| {
+        let is_it = |(level, text): &(Level, String)| {
+            *level == Level::Caution && text.contains("lost its place")
+        };
+        bench.alerts().iter().any(is_it)
+    };
+    bench.hear(COMPANION, &status(0, 0));
+    bench.silence(Duration::from_millis(100));
+    assert!(!is_told(&bench));
+    bench.hear(COMPANION, &lost(0));
+    bench.silence(Duration::from_millis(100));
+    assert!(is_told(&bench));
+    bench.hear(COMPANION, &lost(1));
+    bench.silence(Duration::from_millis(100));
+    assert!(!is_told(&bench));
+}
+
 #[test]
 fn a_map_that_was_received_whole_is_equal_by_its_digest() {
     let mut bench = Bench::new(Source::Live);
     let map = floor();
     deliver_map(&mut bench, &map);
-    let status = |digest: u64, flags: u8| {
-        Message::TANDEM_STATUS(TANDEM_STATUS_DATA {
-            map_digest: digest,
-            flags,
-            ..TANDEM_STATUS_DATA::default()
-        })
-    };
     bench.hear(COMPANION, &status(map.digest().0, 0));
     bench.silence(Duration::from_secs(2));
     assert_eq!(

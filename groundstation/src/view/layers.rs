@@ -13,18 +13,21 @@ pub enum Layer {
     Tracks,
     /// Where they shall go.
     Plans,
+    /// Where the map is seen from.
+    Camera,
     /// The axes of the map's frame.
     Axes,
 }
 
 impl Layer {
     /// All, in the order of the menu.
-    pub const ALL: [Self; 6] = [
+    pub const ALL: [Self; 7] = [
         Self::Map,
         Self::Grid,
         Self::Traversability,
         Self::Tracks,
         Self::Plans,
+        Self::Camera,
         Self::Axes,
     ];
 
@@ -36,6 +39,7 @@ impl Layer {
             Self::Traversability => "traversability",
             Self::Tracks => "tracks",
             Self::Plans => "plans",
+            Self::Camera => "camera",
             Self::Axes => "axes",
         }
     }
@@ -48,6 +52,7 @@ impl Layer {
             Self::Traversability => "Drivable",
             Self::Tracks => "Tracks",
             Self::Plans => "Plans",
+            Self::Camera => "Camera",
             Self::Axes => "Axes",
         }
     }

@@ -5,9 +5,9 @@
 
 use maps::frame::{Body, Isometry, Vector, World};
 use maps::time::Stamp;
-use nalgebra::Matrix6;
+use nalgebra::{Isometry3, Matrix6, Quaternion, Translation3, UnitQuaternion};
 
-use super::{attitude_to_ned, to_frd, to_ned};
+use super::{attitude_from_ned, attitude_to_ned, from_ned, to_frd, to_ned};
 use crate::dialect::tandem::{MavEstimatorType, MavFrame, ODOMETRY_DATA};
 
 /// An estimate of where the vehicle is and how it moves.
@@ -71,6 +71,23 @@ pub fn odometry_message(odometry: &Odometry) -> ODOMETRY_DATA {
         estimator_type: MavEstimatorType::MAV_ESTIMATOR_TYPE_VISION,
         quality: odometry.quality,
     }
+}
+
+/// The pose in a message; `None` if its estimator says that it failed, it is in other frames than ours, or not finite.
+pub fn odometry_pose(message: &ODOMETRY_DATA) -> Option<Isometry<World, Body>> {
+    let ours = message.frame_id == MavFrame::MAV_FRAME_LOCAL_FRD
+        && message.child_frame_id == MavFrame::MAV_FRAME_BODY_FRD;
+    if !ours || message.quality < 0 {
+        return None;
+    }
+    let position = from_ned([message.x, message.y, message.z].map(f64::from));
+    let [w, x, y, z] = message.q.map(f64::from);
+    let attitude = UnitQuaternion::try_new(Quaternion::new(w, x, y, z), 0.5)?;
+    let pose = Isometry::claim(Isometry3::from_parts(
+        Translation3::from(position.raw),
+        attitude_from_ned(attitude),
+    ));
+    pose.is_finite().then_some(pose)
 }
 
 /// Covariance of the position in NED and of the attitude about the axes of FRD. Ours is of a perturbation on the right:
@@ -138,6 +155,46 @@ mod tests {
             message.q
         );
         assert_eq!((message.time_usec, message.reset_counter), (5, 3));
+    }
+
+    #[test]
+    fn the_pose_of_a_message_is_the_one_it_was_made_of() {
+        let odometry = heading_north_at_1_2_3();
+        let message = odometry_message(&odometry);
+        let pose = odometry_pose(&message).expect("ours");
+        let error = (pose.inverse() * odometry.world_from_body).raw;
+        assert!(error.translation.vector.norm() < 1e-6, "single precision");
+        assert!(error.rotation.angle() < 1e-3, "single precision: {error}");
+    }
+
+    #[test]
+    fn a_pose_that_failed_or_is_in_other_frames_is_none() {
+        let good = odometry_message(&heading_north_at_1_2_3());
+        let none = [
+            ODOMETRY_DATA {
+                quality: -1,
+                ..good.clone()
+            },
+            ODOMETRY_DATA {
+                x: f32::NAN,
+                ..good.clone()
+            },
+            ODOMETRY_DATA {
+                q: [0.0; 4],
+                ..good.clone()
+            },
+            ODOMETRY_DATA {
+                q: [f32::NAN; 4],
+                ..good.clone()
+            },
+            ODOMETRY_DATA {
+                frame_id: MavFrame::MAV_FRAME_LOCAL_NED,
+                ..good.clone()
+            },
+        ];
+        for message in none {
+            assert_eq!(odometry_pose(&message), None, "{message:?}");
+        }
     }
 
     #[test]

@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use egui::Color32;
-use maps::frame::{Point, World};
+use maps::frame::{Body, Isometry, Point, World};
 use maps::tile::TileId;
 
 use super::MapView;
@@ -57,6 +57,9 @@ pub(super) fn update(view: &mut MapView, model: &Model, changed: &[TileId]) {
             scene.lines.push(track(vehicle));
         }
         scene.markers.extend(marker(model, vehicle));
+    }
+    if view.layers.shows(Layer::Camera) {
+        scene.lines.extend(cameras(model));
     }
     if view.layers.shows(Layer::Plans) {
         plans(scene, model);
@@ -136,6 +139,38 @@ fn marker(model: &Model, vehicle: &Vehicle) -> Option<Marker> {
         },
         selected: model.active == Some(vehicle.id),
     })
+}
+
+/// Where each companion's camera is by its own odometry: a pyramid that opens to where it looks, dashed once it is old.
+fn cameras(model: &Model) -> impl Iterator<Item = Polyline> {
+    model.map.companions.values().filter_map(|companion| {
+        let pose = companion.world_from_body.as_ref()?;
+        let stroke = if pose.age(model.now) > LINK_LOST_AFTER {
+            Stroke::Dashed { length_m: 0.04 }
+        } else {
+            Stroke::Solid
+        };
+        Some(Polyline {
+            points: pyramid(pose.value),
+            color: rgba(theme::TEXT, 220),
+            width_px: 2.0,
+            stroke,
+        })
+    })
+}
+
+/// The edges of a pyramid in one stroke.
+fn pyramid(world_from_body: Isometry<World, Body>) -> Vec<Point<World>> {
+    let [ahead_m, left_m, up_m] = [0.3, 0.17, 0.13];
+    let [apex, a, b, c, d] = [
+        Point::origin(),
+        Point::new(ahead_m, left_m, up_m),
+        Point::new(ahead_m, -left_m, up_m),
+        Point::new(ahead_m, -left_m, -up_m),
+        Point::new(ahead_m, left_m, -up_m),
+    ]
+    .map(|p| world_from_body * p);
+    vec![apex, a, b, apex, c, d, apex, d, a, b, c]
 }
 
 /// Every plan in its vehicle's colour: dashed until the vehicle is known to have it.
