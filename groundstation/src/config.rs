@@ -2,6 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
+use maps::plan::PlanLimits;
 use maps::traversability;
 use mavlink_ext::{Address, ComponentId, SystemId};
 use serde::{Deserialize, Serialize};
@@ -40,6 +41,8 @@ pub struct Ugv {
     pub max_step_m: f64,
     /// The steepest slope it climbs.
     pub max_slope_deg: f64,
+    /// Least distance that a planned path keeps from obstacles, measured from the sides of the vehicle.
+    pub clearance_m: f64,
     /// Speed on a planned path.
     pub cruise_mps: f64,
 }
@@ -78,6 +81,7 @@ impl Default for Ugv {
             min_turning_radius_m: 0.45,
             max_step_m: 0.08,
             max_slope_deg: 20.0,
+            clearance_m: PlanLimits::default().clearance_m,
             cruise_mps: 0.5,
         }
     }
@@ -153,6 +157,7 @@ impl Config {
             ("ugv.min_turning_radius_m", self.ugv.min_turning_radius_m),
             ("ugv.max_step_m", self.ugv.max_step_m),
             ("ugv.max_slope_deg", self.ugv.max_slope_deg),
+            ("ugv.clearance_m", self.ugv.clearance_m),
             ("ugv.cruise_mps", self.ugv.cruise_mps),
             ("survey.altitude_m", self.survey.altitude_m),
             ("survey.spacing_m", self.survey.spacing_m),
@@ -185,6 +190,14 @@ impl Config {
             min_turning_radius_m: self.ugv.min_turning_radius_m,
             max_step_m: self.ugv.max_step_m,
             max_slope_rad: self.ugv.max_slope_deg.to_radians(),
+        }
+    }
+
+    /// What its paths must keep to.
+    pub fn plan_limits(&self) -> PlanLimits {
+        PlanLimits {
+            clearance_m: self.ugv.clearance_m,
+            ..PlanLimits::default()
         }
     }
 }

@@ -55,6 +55,8 @@ pub struct PathJob {
     pub map: VoxelMap,
     /// The vehicle.
     pub ugv: Vehicle,
+    /// What the path must keep to.
+    pub limits: PlanLimits,
     /// Where it stands.
     pub start: Pose2,
     /// East and north.
@@ -127,7 +129,7 @@ fn find(job: &PathJob, grid: &Traversability) -> Result<FoundPath, String> {
         min_turning_radius_m: job.ugv.min_turning_radius_m * TURNING_RESERVE,
         ..job.ugv
     };
-    let path = maps::plan::plan(grid, &ugv, job.start, goal, &PlanLimits::default())
+    let path = maps::plan::plan(grid, &ugv, job.start, goal, &job.limits)
         .map_err(|error| error.to_string())?;
     let on_ground = |pose: &Pose2| {
         let ground = grid

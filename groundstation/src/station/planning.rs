@@ -76,6 +76,7 @@ impl Station {
             vehicle: id,
             map: map.clone(),
             ugv: self.model.config.vehicle(),
+            limits: self.model.config.plan_limits(),
             start: Pose2 {
                 x_m: position.value.raw.x,
                 y_m: position.value.raw.y,
