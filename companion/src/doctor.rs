@@ -4,18 +4,19 @@ use std::collections::BTreeSet;
 use std::fmt;
 use std::fs;
 use std::path::Path;
-use std::sync::mpsc::{Receiver, RecvTimeoutError, sync_channel};
+use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Duration;
 
 use maps::camera::Pinhole;
-use maps::time::Stamp;
 use mavlink_ext::dialect::tandem::{HEARTBEAT_DATA, MavAutopilot, MavType};
 use mavlink_ext::link::{Link, LinkUri};
-use mavlink_ext::{Address, Message};
+use mavlink_ext::presence::companion_heartbeat;
+use mavlink_ext::{Address, Encoder, Message};
 use sensors::RgbdSource;
 
 use crate::clock::{Clock, since_1970};
 use crate::config::Settings;
+use crate::event::LinkId;
 use crate::output;
 use crate::pipeline::{self, chain};
 
@@ -67,6 +68,9 @@ impl Check {
         Self { name, finding }
     }
 }
+
+/// How often it says that it is there while it listens.
+const HEARTBEAT_EVERY: Duration = Duration::from_secs(1);
 
 /// Looks at everything; listens on the links for `listen`.
 pub fn examine(settings: &Settings, clock: Clock, listen: Duration, mut tell: impl FnMut(Check)) {
@@ -150,37 +154,46 @@ impl Heard {
 }
 
 fn check_links(settings: &Settings, clock: Clock, listen: Duration) -> Vec<Check> {
+    let (sender, heartbeats) = sync_channel(64);
     // Both are open at the same time, as in flight.
-    let autopilot = settings.autopilot.as_ref().map(Listener::open);
-    let ground = settings.ground.as_ref().map(Listener::open);
-    let deadline = clock.now() + listen;
+    let open = |id: LinkId, uri: &Option<LinkUri>| {
+        let uri = uri.as_ref()?;
+        Some(open_link(id, uri, sender.clone()))
+    };
+    let autopilot = open(LinkId::Autopilot, &settings.autopilot);
+    let ground = open(LinkId::Ground, &settings.ground);
     let own_autopilot = Address {
         component: mavlink_ext::ComponentId(1),
         ..settings.address
     };
-    let autopilot = match autopilot {
-        None => Finding::Note("no link configured: nothing is told where the vehicle is".into()),
-        Some(Err(error)) => Finding::Failed(error),
-        Some(Ok(listener)) => {
-            let heard = listener.listen(clock, deadline, |heard| {
-                heard.autopilots.contains(&own_autopilot)
-            });
-            judge_autopilot(&heard, own_autopilot, &listener.uri, listen)
+    let links: Vec<&Link> = [&autopilot, &ground]
+        .into_iter()
+        .filter_map(|link| link.as_ref()?.as_ref().ok())
+        .collect();
+    let mut encoder = Encoder::new(settings.address);
+    let beat = || {
+        let frame = encoder.encode(&Message::HEARTBEAT(companion_heartbeat()));
+        for link in &links {
+            // Whether anybody is there to take it is what is being found out.
+            let _sent = link.send(&frame);
         }
     };
-    let ground = match ground {
-        None => {
-            Finding::Failed("no link configured: the map would go nowhere; set links.ground".into())
+    let (by_autopilot, by_ground) = hear(&heartbeats, clock, listen, beat, |autopilot, ground| {
+        (settings.autopilot.is_none() || autopilot.autopilots.contains(&own_autopilot))
+            && (settings.ground.is_none() || !ground.ground_stations.is_empty())
+    });
+    let autopilot = match (autopilot, &settings.autopilot) {
+        (Some(Err(error)), _) => Finding::Failed(error),
+        (Some(Ok(_)), Some(uri)) => {
+            judge_autopilot(&by_autopilot, own_autopilot, &uri.to_string(), listen)
         }
-        Some(Err(error)) => Finding::Failed(error),
-        Some(Ok(listener)) => {
-            let heard = listener.listen(clock, deadline, |heard| !heard.ground_stations.is_empty());
-            match heard.ground_stations.first() {
-                Some(address) => {
-                    Finding::Ok(format!("{}, ground station {address} heard", listener.uri))
-                }
-                None => Finding::Ok(format!("{}, no ground station heard yet", listener.uri)),
-            }
+        _ => Finding::Note("no link configured: nothing is told where the vehicle is".into()),
+    };
+    let ground = match (ground, &settings.ground) {
+        (Some(Err(error)), _) => Finding::Failed(error),
+        (Some(Ok(_)), Some(uri)) => judge_ground(&by_ground, &uri.to_string(), listen),
+        _ => {
+            Finding::Failed("no link configured: the map would go nowhere; set links.ground".into())
         }
     };
     vec![
@@ -193,6 +206,16 @@ fn check_links(settings: &Settings, clock: Clock, listen: Duration) -> Vec<Check
             finding: ground,
         },
     ]
+}
+
+fn judge_ground(heard: &Heard, uri: &str, listen: Duration) -> Finding {
+    match heard.ground_stations.first() {
+        Some(address) => Finding::Ok(format!("{uri}, ground station {address} heard")),
+        None => Finding::Note(format!(
+            "{uri}: no ground station heard within {} s: start it, or check that its link is the other end of this one",
+            listen.as_secs_f64()
+        )),
+    }
 }
 
 fn judge_autopilot(heard: &Heard, own: Address, uri: &str, listen: Duration) -> Finding {
@@ -219,45 +242,53 @@ fn judge_autopilot(heard: &Heard, own: Address, uri: &str, listen: Duration) -> 
     })
 }
 
-/// An open link with what comes in.
-struct Listener {
-    uri: String,
-    heartbeats: Receiver<(Address, HEARTBEAT_DATA)>,
-    _link: Link,
+type Heartbeat = (LinkId, Address, HEARTBEAT_DATA);
+
+fn open_link(id: LinkId, uri: &LinkUri, heartbeats: SyncSender<Heartbeat>) -> Result<Link, String> {
+    let link = Link::open(&uri.to_string(), move |frame| {
+        if let Ok(Message::HEARTBEAT(heartbeat)) = frame.decode() {
+            // Full: 64 of them are enough to know who is there.
+            let _delivered = heartbeats.try_send((id, frame.from(), heartbeat));
+        }
+    });
+    link.map_err(|error| {
+        format!(
+            "{}: is another companion running, or another program on this port?",
+            chain(&error)
+        )
+    })
 }
 
-impl Listener {
-    fn open(uri: &LinkUri) -> Result<Self, String> {
-        let (sender, heartbeats) = sync_channel(64);
-        let link = Link::open(&uri.to_string(), move |frame| {
-            if let Ok(Message::HEARTBEAT(heartbeat)) = frame.decode() {
-                // Full: 64 of them are enough to know who is there.
-                let _delivered = sender.try_send((frame.from(), heartbeat));
-            }
-        });
-        let link = link.map_err(|error| {
-            format!(
-                "{}: is another companion running, or another program on this port?",
-                chain(&error)
-            )
-        })?;
-        Ok(Self {
-            uri: uri.to_string(),
-            heartbeats,
-            _link: link,
-        })
-    }
-
-    fn listen(&self, clock: Clock, deadline: Stamp, enough: impl Fn(&Heard) -> bool) -> Heard {
-        let mut heard = Heard::default();
-        while !enough(&heard) {
-            match self.heartbeats.recv_timeout(deadline.since(clock.now())) {
-                Ok((from, heartbeat)) => heard.take(from, &heartbeat),
-                Err(RecvTimeoutError::Timeout | RecvTimeoutError::Disconnected) => break,
+/// Who is heard on the autopilot's link and on the ground's, until that is enough or the time is over.
+///
+/// Meanwhile it says with a heartbeat a second that we are there, as in flight: a ground station that listens answers only
+/// those it has heard.
+fn hear(
+    heartbeats: &Receiver<Heartbeat>,
+    clock: Clock,
+    listen: Duration,
+    mut beat: impl FnMut(),
+    enough: impl Fn(&Heard, &Heard) -> bool,
+) -> (Heard, Heard) {
+    let [mut autopilot, mut ground] = [Heard::default(), Heard::default()];
+    let mut now = clock.now();
+    let deadline = now + listen;
+    let mut due = now;
+    while now < deadline && !enough(&autopilot, &ground) {
+        if now >= due {
+            beat();
+            due = now + HEARTBEAT_EVERY;
+        }
+        // A timeout only means that the next heartbeat of ours is due, or all is over.
+        if let Ok((link, from, heartbeat)) = heartbeats.recv_timeout(deadline.min(due).since(now)) {
+            match link {
+                LinkId::Autopilot => autopilot.take(from, &heartbeat),
+                LinkId::Ground => ground.take(from, &heartbeat),
             }
         }
-        heard
+        now = clock.now();
     }
+    (autopilot, ground)
 }
 
 /// Whether our own messages would have to pass through a flight controller, whose router drops unknown ids.
@@ -330,8 +361,35 @@ fn civil_date(days_since_1970: u64) -> [u64; 3] {
 
 #[cfg(test)]
 mod tests {
+    use std::net::UdpSocket;
+    use std::thread;
+
+    use mavlink_ext::presence::ground_station_heartbeat;
+
     use super::*;
     use crate::config::Config;
+
+    #[test]
+    fn a_ground_station_that_answers_only_those_it_has_heard_is_heard() {
+        let station = UdpSocket::bind("127.0.0.1:0").expect("a port");
+        let port = station.local_addr().expect("bound").port();
+        let answer = thread::spawn(move || {
+            let mut datagram = [0; 512];
+            let (_, companion) = station.recv_from(&mut datagram).expect("a heartbeat");
+            let beat = Message::HEARTBEAT(ground_station_heartbeat());
+            let frame = Encoder::new(Address::new(255, 190)).encode(&beat);
+            station.send_to(frame.bytes(), companion).expect("loopback");
+        });
+        let mut config = Config::default();
+        config.source.path = "flight.mcap".into();
+        config.links.autopilot.clear();
+        config.links.ground = format!("udpout:127.0.0.1:{port}");
+        let settings = config.check().expect("sound");
+        let checks = check_links(&settings, Clock::start(), Duration::from_secs(30));
+        answer.join().expect("it has answered");
+        let ground = checks.last().map(ToString::to_string).unwrap_or_default();
+        assert!(ground.contains("ground station 255/190 heard"), "{ground}");
+    }
 
     #[test]
     fn days_become_dates() {
