@@ -25,7 +25,7 @@ use crate::config::Settings;
 use crate::event::{Action, Event, LinkId, Severity};
 use crate::figures::{Figures, WireFigures};
 use crate::odometry::{RateLimit, VehicleOdometry};
-use crate::origin::Origin;
+use crate::origin::{Origin, Wish};
 use crate::pipeline::{Ending, FrameDone, SourceEnded};
 use map_link::MapLink;
 use status::Status;
@@ -271,12 +271,26 @@ impl Companion {
                 act,
             );
         }
-        if self.presence.is_alive(self.autopilot) && self.origin.ask(now) {
-            let request = command::Request::long(cmd::REQUEST_MESSAGE, &[HOME_POSITION_ID]);
-            // Already under way: it repeats itself.
-            if let Ok(message) = self.commands.start(now, self.autopilot, request) {
-                self.outbox.send(LinkId::Autopilot, &message, act);
-            }
+        if !self.presence.is_alive(self.autopilot) {
+            return;
+        }
+        match self.origin.tick(now) {
+            None => {}
+            Some(Wish::HeightIsAboveSeaLevel) => self.tell(
+                Severity::Warning,
+                "map origin above sea level: GPS has no ellipsoid",
+                act,
+            ),
+            Some(Wish::Message(id)) => self.ask_autopilot(now, id, act),
+        }
+    }
+
+    fn ask_autopilot(&mut self, now: Stamp, message_id: u32, act: &mut dyn FnMut(Action)) {
+        // Ids have 24 bits: a single keeps them exactly.
+        let request = command::Request::long(cmd::REQUEST_MESSAGE, &[message_id as f32]);
+        // Already under way: it repeats itself.
+        if let Ok(message) = self.commands.start(now, self.autopilot, request) {
+            self.outbox.send(LinkId::Autopilot, &message, act);
         }
     }
 
@@ -348,9 +362,6 @@ fn router(settings: &Settings) -> Router {
     }
     router
 }
-
-/// `HOME_POSITION`.
-const HOME_POSITION_ID: f32 = 242.0;
 
 #[cfg(test)]
 mod tests;

@@ -4,8 +4,8 @@ use maps::frame::{Isometry, Point};
 use maps::tile::TileId;
 use maps::voxel::{MapDigest, Rgb, VoxelMap};
 use mavlink_ext::dialect::tandem::{
-    COMMAND_LONG_DATA, HEARTBEAT_DATA, HOME_POSITION_DATA, MavAutopilot, MavResult, MavType,
-    PARAM_REQUEST_LIST_DATA, TANDEM_ORIGIN_DATA, TIMESYNC_DATA,
+    COMMAND_LONG_DATA, GPS_RAW_INT_DATA, HEARTBEAT_DATA, HOME_POSITION_DATA, MavAutopilot,
+    MavResult, MavType, PARAM_REQUEST_LIST_DATA, TANDEM_ORIGIN_DATA, TIMESYNC_DATA,
 };
 use mavlink_ext::object::{Receiver, ReceiverLimits};
 use nalgebra::{Isometry3, Matrix6};
@@ -214,6 +214,12 @@ fn the_origin_is_asked_of_the_autopilot_and_told_once_a_second() {
         ..HOME_POSITION_DATA::default()
     });
     bench.hear_autopilot(20, &home);
+    let fix = Message::GPS_RAW_INT(GPS_RAW_INT_DATA {
+        alt: 400_000,
+        alt_ellipsoid: 447_000,
+        ..GPS_RAW_INT_DATA::default()
+    });
+    bench.hear_autopilot(25, &fix);
     for ms in (30..3030).step_by(10) {
         bench.step(ms, Event::Tick);
     }
@@ -229,7 +235,7 @@ fn the_origin_is_asked_of_the_autopilot_and_told_once_a_second() {
     assert!(
         origins
             .iter()
-            .all(|&o| o == (470_000_000, 80_000_000, 400_000))
+            .all(|&o| o == (470_000_000, 80_000_000, 447_000))
     );
 }
 
