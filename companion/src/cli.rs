@@ -63,8 +63,20 @@ fn seconds(text: &str) -> Result<f64, String> {
 }
 
 impl Options {
-    /// The configuration with what the command line says instead.
+    /// The configuration with what the command line says instead, to run with.
     pub(crate) fn read(self, source: Option<PathBuf>) -> Result<Config> {
+        let file = self.config.clone();
+        let config = self.read_as_written(None)?;
+        let mut config = match &file {
+            Some(file) => config.relative_to(file),
+            None => config,
+        };
+        config.source.path = source.unwrap_or(config.source.path);
+        Ok(config)
+    }
+
+    /// The same with paths as they stand in the file, to print.
+    pub(crate) fn read_as_written(self, source: Option<PathBuf>) -> Result<Config> {
         let mut config = self
             .config
             .map_or(Ok(Config::default()), |path| Config::read(&path))?;

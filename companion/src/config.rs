@@ -64,8 +64,7 @@ pub struct Config {
     pub map: MapTable,
     /// `[links]`
     pub links: LinksTable,
-    /// `[origin]`; without it the origin is the autopilot's home, whose height above mean sea level is then taken for
-    /// one above the ellipsoid: configure it where the two differ and heights matter.
+    /// `[origin]`; without it the origin is the autopilot's home.
     pub origin: Option<OriginTable>,
     /// `[output]`
     pub output: OutputTable,
@@ -161,7 +160,7 @@ pub struct MountTable {
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SlamTable {
-    /// Where the camera looks at the start: counter-clockwise from east.
+    /// Where the camera looks at the start: clockwise from north; 90 is east.
     pub initial_heading_deg: f64,
     /// How high it is above the floor where no floor is in view at the start.
     pub initial_height_m: f64,
@@ -254,7 +253,7 @@ impl Default for CameraTable {
 impl Default for SlamTable {
     fn default() -> Self {
         Self {
-            initial_heading_deg: 0.0,
+            initial_heading_deg: 90.0,
             initial_height_m: 1.5,
         }
     }
@@ -287,21 +286,26 @@ impl Default for OutputTable {
 }
 
 impl Config {
-    /// Reads a file; a relative source path in it starts at the file.
+    /// Reads a file as it is written: see [`Self::relative_to`] for what paths in it mean.
     pub fn read(path: &Path) -> Result<Self, ConfigError> {
         let text = fs::read_to_string(path).map_err(|source| ConfigError::Read {
             path: path.to_owned(),
             source,
         })?;
-        let mut config: Self = toml::from_str(&text).map_err(|source| ConfigError::Parse {
+        toml::from_str(&text).map_err(|source| ConfigError::Parse {
             path: path.to_owned(),
             source: Box::new(source),
-        })?;
-        let source = &mut config.source.path;
+        })
+    }
+
+    /// The same with a relative source path starting at the file it was read from.
+    #[must_use]
+    pub fn relative_to(mut self, file: &Path) -> Self {
+        let source = &mut self.source.path;
         if !source.as_os_str().is_empty() {
-            *source = path.parent().unwrap_or(Path::new("")).join(&source);
+            *source = file.parent().unwrap_or(Path::new("")).join(&source);
         }
-        Ok(config)
+        self
     }
 
     /// The file as it would have to be written to get this.

@@ -44,11 +44,11 @@ fn execute() -> Result<ExitCode> {
             source,
             print_config,
         } => {
-            let config = options.read(source)?;
             if print_config {
+                let config = options.read_as_written(source)?;
                 write!(io::stdout(), "{}", config.to_toml()?)?;
             } else {
-                run(&config.check()?, clock)?;
+                run(&options.read(source)?.check()?, clock)?;
             }
             Ok(ExitCode::SUCCESS)
         }

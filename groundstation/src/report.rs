@@ -57,8 +57,8 @@ pub struct VehicleReport {
     pub name: String,
     /// East, north and up in the map's frame, as last told.
     pub position_m: Option<[f64; 3]>,
-    /// Counter-clockwise from east.
-    pub heading_rad: Option<f64>,
+    /// Clockwise from north, 0 to 360.
+    pub heading_deg: Option<f64>,
     /// Its last mode.
     pub mode: String,
     /// Whether its motors ran.
@@ -157,9 +157,9 @@ fn vehicle_report(model: &Model, vehicle: &vehicle::Vehicle) -> VehicleReport {
         position_m: vehicle
             .position
             .map(|position| position.value.raw.coords.into()),
-        heading_rad: vehicle
+        heading_deg: vehicle
             .attitude
-            .map(|attitude| attitude.value.heading_rad()),
+            .map(|attitude| attitude.value.heading_deg()),
         mode: vehicle.heartbeat.value.mode.to_string(),
         armed: vehicle.is_armed(),
         mission_complete: vehicle

@@ -1,5 +1,8 @@
 //! The simulator's command line: a clock, the signals, and [`sitl::run`].
 
+mod status;
+
+use std::io::IsTerminal as _;
 use std::path::PathBuf;
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread;
@@ -13,6 +16,8 @@ use sitl::scene::Name;
 use sitl::simulation::{Event, STEP, Start};
 use sitl::wgs84::Origin;
 use tracing_subscriber::EnvFilter;
+
+use crate::status::StatusLine;
 
 /// A simulated world: a room that is filmed, a copter and a rover with their autopilots.
 #[derive(Parser)]
@@ -39,7 +44,7 @@ struct RunArgs {
     /// Records what the drone's camera sees, with the truth, as ROS 2 messages in an MCAP file (23 MB a second).
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// Says only warnings and errors on the terminal.
+    /// Shows nothing but warnings and errors: no line with where the vehicles are, no news.
     #[arg(long)]
     headless: bool,
     /// Ends after this much simulated time. Default: a recording takes one round (36 s), vehicles run until stopped.
@@ -59,11 +64,11 @@ struct RunArgs {
         allow_hyphen_values = true
     )]
     origin: Origin,
-    /// Where the rover starts: metres east and north of the origin, degrees counter-clockwise from east.
+    /// Where the rover starts: metres east and north of the origin, degrees clockwise from north.
     #[arg(
         long,
         value_name = "X,Y,HEADING_DEG",
-        default_value = "0,0,0",
+        default_value = "0,0,90",
         allow_hyphen_values = true
     )]
     rover_start: Start,
@@ -86,6 +91,7 @@ fn main() -> anyhow::Result<()> {
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
         .init();
     let settings = Settings {
         scene: args.scene,
@@ -112,8 +118,14 @@ fn main() -> anyhow::Result<()> {
             .name("clock".into())
             .spawn(move || tick(start, &ticks))?;
     }
-    let report = run(&settings, (&inbox, &events), move || {
-        Stamp::from_nanos(u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX))
+    let clock =
+        move || Stamp::from_nanos(u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX));
+    let mut line = StatusLine::default();
+    let watched = !args.headless && settings.has_links() && std::io::stderr().is_terminal();
+    let report = run(&settings, (&inbox, &events), clock, |simulation| {
+        if watched {
+            line.show(simulation);
+        }
     })?;
     if let Some(recording) = &report.recording {
         tracing::info!(frames = recording.frames, seconds = recording.seconds, file = %recording.file.display(), "recorded");

@@ -33,7 +33,7 @@ pub struct VehicleReport {
     pub armed: bool,
     /// Where it truly is: east, north, up.
     pub true_position_m: [f64; 3],
-    /// Where it truly heads, counter-clockwise from east.
+    /// Where it truly heads, clockwise from north, 0 to 360.
     pub true_heading_deg: f64,
     /// Where it thinks it is.
     pub estimated_position_m: [f64; 3],
@@ -103,7 +103,7 @@ impl VehicleReport {
             mode: autopilot.mode().to_string(),
             armed: autopilot.is_armed(),
             true_position_m: here.coords.into(),
-            true_heading_deg: truth.heading_rad().to_degrees(),
+            true_heading_deg: (90.0 - truth.heading_rad().to_degrees()).rem_euclid(360.0),
             estimated_position_m: autopilot.estimate().position().raw.coords.into(),
             mission_items: items.len(),
             mission_items_reached: execution.reached().iter().copied().collect(),

@@ -57,11 +57,12 @@ impl Settings {
 /// Runs until the end of the duration, of the recording, or until [`Event::Stop`]; writes the report.
 ///
 /// `events` gets a [`Event::Tick`] per step from whoever has the clock, and everything else through `inbox`, its other
-/// end. `clock` tells when a frame comes in.
+/// end. `clock` tells when a frame comes in. `watch` is shown the vehicles after every event.
 pub fn run(
     settings: &Settings,
     (inbox, events): (&SyncSender<Event>, &Receiver<Event>),
     clock: impl Fn() -> Stamp + Clone + Send + 'static,
+    watch: impl FnMut(&Simulation),
 ) -> anyhow::Result<Report> {
     check(settings)?;
     let mut autopilots = Vec::new();
@@ -86,7 +87,7 @@ pub fn run(
         .as_ref()
         .map(|file| Recorder::start(settings, file, inbox))
         .transpose()?;
-    attend(settings, &mut simulation, events, &links);
+    attend(settings, &mut simulation, (events, &links), watch);
     let recording = recorder.map(Recorder::finish).transpose()?;
     let scene = format!("{:?}", settings.scene).to_lowercase();
     let report = Report::new(&scene, settings.seed, &simulation, recording);
@@ -137,8 +138,8 @@ fn deliver(
 fn attend(
     settings: &Settings,
     simulation: &mut Simulation,
-    events: &Receiver<Event>,
-    links: &[Link],
+    (events, links): (&Receiver<Event>, &[Link]),
+    mut watch: impl FnMut(&Simulation),
 ) {
     let end = settings
         .duration
@@ -153,6 +154,7 @@ fn attend(
                 tracing::warn!(%error, "a frame is lost");
             }
         }
+        watch(simulation);
     }
 }
 

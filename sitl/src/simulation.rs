@@ -27,7 +27,7 @@ pub struct Start {
     pub x_m: f64,
     /// North, in metres.
     pub y_m: f64,
-    /// Counter-clockwise from east, in degrees.
+    /// Clockwise from north, in degrees.
     pub heading_deg: f64,
 }
 
@@ -169,7 +169,8 @@ pub fn copter(origin: &Origin, seed: u64) -> Autopilot {
 /// The small car, where it is to start.
 pub fn rover(origin: &Origin, start: Start, seed: u64) -> Autopilot {
     let place = Point::new(start.x_m, start.y_m, 0.0);
-    let car = Rover::new(place, start.heading_deg.to_radians(), Chassis::default());
+    let yaw_rad = (90.0 - start.heading_deg).to_radians();
+    let car = Rover::new(place, yaw_rad, Chassis::default());
     Autopilot::new(Setup {
         address: ROVER,
         vehicle: Vehicle::Rover(car),

@@ -97,12 +97,13 @@ impl Config {
             "a TUM folder or an MCAP file; --source gives one for this run",
         )?;
         let mapping = MappingSettings {
-            initial_heading_rad: within(
-                "slam.initial_heading_deg",
-                slam.initial_heading_deg,
-                -360.0..=360.0,
-                "-360 to 360 degrees",
-            )?
+            initial_heading_rad: (90.0
+                - within(
+                    "slam.initial_heading_deg",
+                    slam.initial_heading_deg,
+                    -360.0..=360.0,
+                    "-360 to 360 degrees",
+                )?)
             .to_radians(),
             initial_height_m: within(
                 "slam.initial_height_m",

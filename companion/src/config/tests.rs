@@ -78,6 +78,27 @@ fn a_value_that_makes_no_sense_is_refused_with_its_key_and_what_it_should_be() {
 }
 
 #[test]
+fn a_source_path_starts_at_its_file_and_is_printed_as_it_stands_there() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = folder.path().join("drone.toml");
+    std::fs::write(&file, "source.path = \"../flight.mcap\"").expect("writes");
+    let config = Config::read(&file).expect("reads");
+    let printed = config.to_toml().expect("prints");
+    assert!(printed.contains("path = \"../flight.mcap\""), "{printed}");
+    let path = config.relative_to(&file).source.path;
+    assert_eq!(path, folder.path().join("../flight.mcap"));
+}
+
+#[test]
+fn headings_turn_clockwise_from_north() {
+    let mut config = sound();
+    config.slam.initial_heading_deg = 0.0;
+    let mapping = config.check().expect("sound").mapping;
+    let north = std::f64::consts::FRAC_PI_2;
+    assert!((mapping.initial_heading_rad - north).abs() < 1e-12);
+}
+
+#[test]
 fn an_empty_link_is_none() {
     let mut config = sound();
     config.links.autopilot.clear();

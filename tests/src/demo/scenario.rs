@@ -104,11 +104,11 @@ impl Scenario {
     }
 
     /// Where the rover stands at first, on floor that the recording shows, as `sitl run --rover-start` takes it: metres east
-    /// and north of the map's origin, degrees counter-clockwise from east.
+    /// and north of the map's origin, degrees clockwise from north.
     pub(super) fn rover_start(&self) -> &'static str {
         match self {
-            Self::Office { .. } => "1.85,-0.4,-120",
-            Self::SimulatedRoom => "1.5,0.0,0",
+            Self::Office { .. } => "1.85,-0.4,210",
+            Self::SimulatedRoom => "1.5,0.0,90",
         }
     }
 
