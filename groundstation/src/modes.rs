@@ -1,6 +1,7 @@
 //! Flight and drive modes: the numbers autopilots put into `HEARTBEAT.custom_mode`, and what people call them.
 //!
-//! Numbers are ArduPilot's (`modes` in its vehicles' `mode.h`): the same number means another mode on another kind of vehicle.
+//! What a number means depends on the firmware: `ArduPilot` has a table for each kind of vehicle (`mode.h` of each), PX4 one
+//! for all, of a main mode in the third byte and a sub mode in the fourth (`px4_custom_mode.h`).
 
 use std::fmt;
 
@@ -54,14 +55,47 @@ impl Kind {
             Self::Other(_) => "Vehicle",
         }
     }
+}
 
-    fn table(self) -> &'static [(u32, Mode)] {
+/// Whose numbers a vehicle's modes are, from HEARTBEAT.autopilot.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Firmware {
+    /// `MAV_AUTOPILOT_ARDUPILOTMEGA`.
+    ArduPilot,
+    /// `MAV_AUTOPILOT_PX4`.
+    Px4,
+    /// One whose modes this program does not know: it is shown, and not told to change them.
+    Other,
+}
+
+impl Firmware {
+    /// The firmware that goes with a `MAV_AUTOPILOT`.
+    pub fn from_mav_autopilot(number: u32) -> Self {
+        match number {
+            3 => Self::ArduPilot,
+            12 => Self::Px4,
+            _ => Self::Other,
+        }
+    }
+
+    fn table(self, kind: Kind) -> &'static [(u32, Mode)] {
+        match (self, kind) {
+            (Self::Px4, _) => PX4,
+            (Self::ArduPilot, Kind::Copter) => COPTER,
+            (Self::ArduPilot, Kind::Rover | Kind::Boat) => ROVER,
+            (Self::ArduPilot, Kind::Submarine) => SUBMARINE,
+            (Self::ArduPilot, Kind::Plane) => PLANE,
+            (Self::ArduPilot, Kind::Other(_)) | (Self::Other, _) => &[],
+        }
+    }
+
+    /// The parameters of `DO_SET_MODE` after its first, for a number of this firmware.
+    pub fn mode_parameters(self, number: u32) -> [f32; 2] {
+        let [_, _, main, sub] = number.to_le_bytes();
         match self {
-            Self::Copter => COPTER,
-            Self::Rover | Self::Boat => ROVER,
-            Self::Submarine => SUBMARINE,
-            Self::Plane => PLANE,
-            Self::Other(_) => &[],
+            Self::Px4 => [f32::from(main), f32::from(sub)],
+            // MAVLink carries parameters in single precision, exact up to 2²⁴; modes are small numbers.
+            Self::ArduPilot | Self::Other => [number as f32, 0.0],
         }
     }
 }
@@ -91,6 +125,8 @@ pub enum Mode {
     Surface,
     FlyByWire,
     Cruise,
+    Offboard,
+    Takeoff,
     /// A number without a name here.
     Unnamed(u32),
 }
@@ -143,20 +179,37 @@ const PLANE: &[(u32, Mode)] = &[
     (12, Mode::Loiter),
     (15, Mode::Guided),
 ];
+const PX4: &[(u32, Mode)] = &[
+    (px4(1, 0), Mode::Manual),
+    (px4(2, 0), Mode::AltHold),
+    (px4(3, 0), Mode::PosHold),
+    (px4(4, 2), Mode::Takeoff),
+    (px4(4, 3), Mode::Hold),
+    (px4(4, 4), Mode::Auto),
+    (px4(4, 5), Mode::Rtl),
+    (px4(4, 6), Mode::Land),
+    (px4(5, 0), Mode::Acro),
+    (px4(6, 0), Mode::Offboard),
+    (px4(7, 0), Mode::Stabilize),
+];
+
+const fn px4(main: u8, sub: u8) -> u32 {
+    u32::from_le_bytes([0, 0, main, sub])
+}
 
 impl Mode {
     /// The mode that a vehicle of this kind means by `number`.
-    pub fn from_number(kind: Kind, number: u32) -> Self {
-        let found = kind.table().iter().find(|(n, _)| *n == number);
+    pub fn from_number(firmware: Firmware, kind: Kind, number: u32) -> Self {
+        let found = firmware.table(kind).iter().find(|(n, _)| *n == number);
         found.map_or(Self::Unnamed(number), |(_, mode)| *mode)
     }
 
     /// The number a vehicle of this kind has for it; `None` if it has no such mode.
-    pub fn number(self, kind: Kind) -> Option<u32> {
+    pub fn number(self, firmware: Firmware, kind: Kind) -> Option<u32> {
         match self {
             Self::Unnamed(number) => Some(number),
-            named => kind
-                .table()
+            named => firmware
+                .table(kind)
                 .iter()
                 .find(|(_, mode)| *mode == named)
                 .map(|(n, _)| *n),
@@ -165,7 +218,7 @@ impl Mode {
 
     /// The mode called `name`, in any case.
     pub fn from_name(name: &str) -> Option<Self> {
-        let tables = [COPTER, ROVER, SUBMARINE, PLANE];
+        let tables = [COPTER, ROVER, SUBMARINE, PLANE, PX4];
         let mut modes = tables.into_iter().flatten().map(|(_, mode)| *mode);
         modes.find(|mode| mode.to_string().eq_ignore_ascii_case(name))
     }
@@ -192,6 +245,8 @@ impl fmt::Display for Mode {
             Self::Surface => "SURFACE",
             Self::FlyByWire => "FBWA",
             Self::Cruise => "CRUISE",
+            Self::Offboard => "OFFBOARD",
+            Self::Takeoff => "TAKEOFF",
             Self::Unnamed(number) => return write!(f, "MODE {number}"),
         };
         f.write_str(word)
@@ -202,11 +257,24 @@ impl fmt::Display for Mode {
 mod tests {
     use super::*;
 
+    const ARDUPILOT: Firmware = Firmware::ArduPilot;
+
     #[test]
     fn the_same_number_is_another_mode_on_another_vehicle() {
-        assert_eq!(Mode::from_number(Kind::Copter, 4), Mode::Guided);
-        assert_eq!(Mode::from_number(Kind::Rover, 4), Mode::Hold);
-        assert_eq!(Mode::from_number(Kind::Rover, 77).to_string(), "MODE 77");
+        let mode = |kind, number| Mode::from_number(ARDUPILOT, kind, number);
+        assert_eq!(mode(Kind::Copter, 4), Mode::Guided);
+        assert_eq!(mode(Kind::Rover, 4), Mode::Hold);
+        assert_eq!(mode(Kind::Rover, 77).to_string(), "MODE 77");
+    }
+
+    #[test]
+    fn the_return_home_of_another_firmware_is_another_number() {
+        let return_home = |firmware| Mode::Rtl.number(firmware, Kind::Copter);
+        assert_eq!(return_home(Firmware::ArduPilot), Some(6));
+        let px4 = return_home(Firmware::Px4).expect("it has one");
+        let parameters = Firmware::Px4.mode_parameters(px4);
+        assert_eq!(parameters.map(|p| p as u8), [4, 5]);
+        assert_eq!(return_home(Firmware::Other), None);
     }
 
     #[test]
@@ -218,19 +286,21 @@ mod tests {
             Kind::Plane,
             Kind::Other(99),
         ] {
-            for number in 0..40 {
-                assert_eq!(
-                    Mode::from_number(kind, number).number(kind),
-                    Some(number),
-                    "{kind:?}"
-                );
+            for firmware in [Firmware::ArduPilot, Firmware::Px4, Firmware::Other] {
+                for number in (0..40).chain((0..8).map(|sub| px4(4, sub))) {
+                    assert_eq!(
+                        Mode::from_number(firmware, kind, number).number(firmware, kind),
+                        Some(number),
+                        "{firmware:?} {kind:?}"
+                    );
+                }
             }
         }
     }
 
     #[test]
     fn a_rover_has_no_mode_to_land_in() {
-        assert_eq!(Mode::Land.number(Kind::Rover), None);
+        assert_eq!(Mode::Land.number(ARDUPILOT, Kind::Rover), None);
         assert_eq!(Mode::from_name("land"), Some(Mode::Land));
         assert_eq!(Mode::from_name("warp"), None);
     }

@@ -59,6 +59,8 @@ pub enum Event {
     Links(Vec<LinkFigures>),
     /// The planner is done.
     Planned(Outcome),
+    /// What is sent and received cannot be written down any more.
+    RecordingStopped,
     /// The planner has enough to do and gives this back.
     PlannerBusy(Job),
     /// Time has passed.
@@ -93,6 +95,8 @@ pub struct Station {
     receiver: Receiver,
     asked_at: BTreeMap<SystemId, Stamp>,
     path_number: u64,
+    /// The number of each vehicle's newest path: older outcomes are thrown away.
+    newest_path: BTreeMap<SystemId, u64>,
 }
 
 /// Where a message comes from, and when it came.
@@ -123,6 +127,7 @@ impl Station {
             receiver: Receiver::new(own, session, ReceiverLimits::default()),
             asked_at: BTreeMap::new(),
             path_number: 0,
+            newest_path: BTreeMap::new(),
         }
     }
 
@@ -162,6 +167,10 @@ impl Station {
             Event::Links(figures) => self.count(&figures),
             Event::Planned(outcome) => self.planned(outcome),
             Event::PlannerBusy(job) => self.planner_busy(&job),
+            Event::RecordingStopped => self.say(
+                Severity::Error,
+                "nothing is recorded any more: is the disk full?".to_owned(),
+            ),
             Event::Tick => self.tick(&mut outbox),
         }
         if self.model.source == Source::Replay {

@@ -10,7 +10,7 @@ use mavlink_ext::SystemId;
 use nalgebra::{Isometry3, UnitQuaternion};
 
 use super::{LINK_LOST_AFTER, Timed};
-use crate::modes::{Kind, Mode};
+use crate::modes::{Firmware, Kind, Mode};
 
 /// A track longer than this loses its oldest points.
 const TRACK_POINTS: usize = 20_000;
@@ -72,10 +72,12 @@ pub struct Battery {
 /// Where it is on the earth.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fix {
-    /// Altitude above the ellipsoid or mean sea level, as the vehicle sends it.
+    /// Altitude above the ellipsoid, if its satellite receiver tells how high sea level is above that, else above sea level.
     pub geodetic: Geodetic,
     /// Above the take-off point.
     pub above_home_m: f64,
+    /// Above mean sea level, as the vehicle sends it.
+    pub above_sea_m: f64,
     /// Over ground.
     pub speed_mps: f64,
 }
@@ -142,8 +144,8 @@ pub struct Vehicle {
     pub id: SystemId,
     /// What it is.
     pub kind: Kind,
-    /// `MAV_AUTOPILOT`.
-    pub autopilot: u32,
+    /// Whose numbers its modes are.
+    pub firmware: Firmware,
     /// When its autopilot's heartbeat was last heard, by link.
     pub heard: Vec<Option<Stamp>>,
     /// What its autopilot's heartbeat says.
@@ -178,7 +180,7 @@ impl Vehicle {
         Self {
             id,
             kind,
-            autopilot: 0,
+            firmware: Firmware::Other,
             heard: Vec::new(),
             heartbeat,
             fix: None,

@@ -12,7 +12,7 @@ use super::{Outbox, Station};
 use crate::command::Order;
 use crate::model::orders::OrderState;
 use crate::model::vehicle::{Presence, Vehicle};
-use crate::modes::{Kind, Mode};
+use crate::modes::{Firmware, Kind, Mode};
 use crate::script;
 
 /// As the command protocol does it: the first time and three more.
@@ -218,13 +218,10 @@ fn is_safe(order: Order) -> bool {
 fn requests(vehicle: &Vehicle, order: Order) -> Result<Vec<Request>, String> {
     let mode = |mode: Mode| {
         let number = mode
-            .number(vehicle.kind)
-            .ok_or_else(|| format!("{} has no mode {mode}", vehicle.name()))?;
-        // MAVLink carries parameters in single precision, exact up to 2²⁴; modes are small numbers.
-        Ok::<_, String>(Request::long(
-            cmd::DO_SET_MODE,
-            &[CUSTOM_MODE, number as f32],
-        ))
+            .number(vehicle.firmware, vehicle.kind)
+            .ok_or_else(|| no_mode(vehicle, mode))?;
+        let [main, sub] = vehicle.firmware.mode_parameters(number);
+        Ok::<_, String>(Request::long(cmd::DO_SET_MODE, &[CUSTOM_MODE, main, sub]))
     };
     Ok(match order {
         Order::Arm => vec![Request::long(cmd::COMPONENT_ARM_DISARM, &[1.0])],
@@ -233,6 +230,16 @@ fn requests(vehicle: &Vehicle, order: Order) -> Result<Vec<Request>, String> {
             if !vehicle.kind.flies() {
                 return Err(format!("{} cannot fly", vehicle.name()));
             }
+            if vehicle.firmware != Firmware::ArduPilot {
+                // Others take the altitude for one above mean sea level.
+                return Err(format!(
+                    "{} does not run ArduPilot: begin its mission with a take-off instead",
+                    vehicle.name()
+                ));
+            }
+            if !vehicle.is_armed() {
+                return Err(format!("{} is not armed: arm it first", vehicle.name()));
+            }
             let climb = Request::long(
                 cmd::NAV_TAKEOFF,
                 &[0.0, 0.0, 0.0, 0.0, 0.0, 0.0, altitude_m as f32],
@@ -240,16 +247,27 @@ fn requests(vehicle: &Vehicle, order: Order) -> Result<Vec<Request>, String> {
             vec![mode(Mode::Guided)?, climb]
         }
         Order::StartMission => vec![Request::long(cmd::MISSION_START, &[0.0, 0.0])],
-        Order::Hold => vec![mode(holding(vehicle.kind))?],
+        Order::Hold => vec![mode(holding(vehicle))?],
         Order::ReturnToLaunch => vec![mode(Mode::Rtl)?],
         Order::Land => vec![mode(Mode::Land)?],
         Order::Mode(wanted) => vec![mode(wanted)?],
     })
 }
 
+fn no_mode(vehicle: &Vehicle, mode: Mode) -> String {
+    let name = vehicle.name();
+    match vehicle.firmware {
+        Firmware::Other => format!(
+            "the modes of {name}'s autopilot are unknown here: it runs neither ArduPilot nor PX4"
+        ),
+        Firmware::ArduPilot | Firmware::Px4 => format!("{name} has no mode {mode}"),
+    }
+}
+
 /// The mode in which a vehicle stays where it is without a pilot's sticks.
-fn holding(kind: Kind) -> Mode {
-    match kind {
+fn holding(vehicle: &Vehicle) -> Mode {
+    match vehicle.kind {
+        _ if vehicle.firmware == Firmware::Px4 => Mode::Hold,
         Kind::Copter => Mode::Brake,
         Kind::Plane => Mode::Loiter,
         Kind::Submarine => Mode::PosHold,

@@ -8,10 +8,8 @@ use super::{Action, Station};
 use crate::command::SurveyArea;
 use crate::model::log::Severity;
 use crate::model::missions::{HomeItem, Mission, Plan, PlanKind, PlanState, Transfer};
+use crate::modes::Firmware;
 use crate::plan::{FoundPath, Job, Outcome, PathJob, items, survey};
-
-/// `MAV_AUTOPILOT_ARDUPILOTMEGA`.
-const ARDUPILOT: u32 = 3;
 
 impl Station {
     /// Lets the planner look for a path from where the vehicle is.
@@ -71,6 +69,7 @@ impl Station {
             .as_ref()
             .ok_or("there is no map yet")?;
         self.path_number += 1;
+        self.newest_path.insert(id, self.path_number);
         Ok(PathJob {
             number: self.path_number,
             vehicle: id,
@@ -98,7 +97,7 @@ impl Station {
         else {
             return;
         };
-        if number != self.path_number {
+        if self.newest_path.get(&vehicle) != Some(&number) {
             return;
         }
         match found.and_then(|found| self.path_plan(vehicle, found, goal_heading_rad)) {
@@ -209,7 +208,7 @@ impl Station {
             .model
             .vehicles
             .get(&id)
-            .filter(|vehicle| vehicle.autopilot == ARDUPILOT);
+            .filter(|vehicle| vehicle.firmware == Firmware::ArduPilot);
         match vehicle.and_then(|vehicle| vehicle.fix.map(|fix| fix.value.geodetic)) {
             Some(place) => (HomeItem::First, vec![items::home(place)]),
             None => (HomeItem::None, Vec::new()),

@@ -20,7 +20,7 @@ use crate::model::map::MapOrigin;
 use crate::model::vehicle::{
     Attitude, Battery, Fix, Gps, Heartbeat, Landed, MissionProgress, Presence, TrackPoint, Vehicle,
 };
-use crate::modes::{Kind, Mode};
+use crate::modes::{Firmware, Kind, Mode};
 use crate::plan::items::last_reached;
 
 /// `MAV_SYS_STATUS_PREARM_CHECK`.
@@ -108,8 +108,9 @@ impl Station {
             return;
         }
         let kind = Kind::from_mav_type(heartbeat.mavtype as u32);
+        let firmware = Firmware::from_mav_autopilot(heartbeat.autopilot as u32);
         let told = Heartbeat {
-            mode: Mode::from_number(kind, heartbeat.custom_mode),
+            mode: Mode::from_number(firmware, kind, heartbeat.custom_mode),
             armed: heartbeat
                 .base_mode
                 .contains(MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED),
@@ -124,8 +125,7 @@ impl Station {
             .or_insert_with(|| Vehicle::new(id, kind, told));
         let was_lost = vehicle.presence(now) == Presence::Lost;
         vehicle.hear(link, now);
-        (vehicle.kind, vehicle.heartbeat, vehicle.autopilot) =
-            (kind, told, heartbeat.autopilot as u32);
+        (vehicle.kind, vehicle.heartbeat, vehicle.firmware) = (kind, told, firmware);
         let name = vehicle.name();
         if is_new {
             self.model.active.get_or_insert(id);
@@ -170,7 +170,9 @@ impl Station {
             return;
         }
         let fix = self.model.vehicles.get(&id).and_then(|vehicle| vehicle.fix);
-        let Some(fix) = fix else { return };
+        let Some(fix) = fix.filter(|fix| !has_no_home(&fix.value)) else {
+            return;
+        };
         let geodetic = Geodetic {
             alt_m: fix.value.geodetic.alt_m - fix.value.above_home_m,
             ..fix.value.geodetic
@@ -298,6 +300,11 @@ fn readable(text: &[u8]) -> String {
         .to_owned()
 }
 
+/// Whether a vehicle has no home yet: its height above home is then that above mean sea level. Up to 5 m it does not matter.
+fn has_no_home(fix: &Fix) -> bool {
+    fix.above_home_m.abs() > 5.0 && (fix.above_home_m - fix.above_sea_m).abs() < 1.5e-3
+}
+
 fn hear_position(
     vehicle: &mut Vehicle,
     now: Stamp,
@@ -318,6 +325,7 @@ fn hear_position(
         Fix {
             geodetic,
             above_home_m,
+            above_sea_m: alt_m,
             speed_mps,
         },
         now,
@@ -381,8 +389,10 @@ fn hear_gps(vehicle: &mut Vehicle, now: Stamp, gps: &GPS_RAW_INT_DATA) {
         },
         now,
     ));
-    if gps.alt_ellipsoid != 0 {
-        vehicle.geoid_height_m = f64::from(gps.alt_ellipsoid - gps.alt) / 1000.0;
+    let above_m = (f64::from(gps.alt_ellipsoid) - f64::from(gps.alt)) / 1000.0;
+    // 0 is what a receiver without an ellipsoid sends; sea level is nowhere 150 m from it.
+    if gps.alt_ellipsoid != 0 && above_m.abs() < 150.0 {
+        vehicle.geoid_height_m = above_m;
     }
 }
 

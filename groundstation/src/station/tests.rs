@@ -335,10 +335,22 @@ fn an_order_is_repeated_and_then_given_up() {
 fn taking_off_means_guided_mode_first() {
     let mut bench = Bench::new(Source::Live);
     bench.copter();
-    bench.command(Command::Order(
-        SystemId(1),
-        Order::Takeoff { altitude_m: 2.0 },
-    ));
+    let takeoff = Order::Takeoff { altitude_m: 2.0 };
+    bench.command(Command::Order(SystemId(1), takeoff));
+    let refused = bench
+        .model()
+        .orders
+        .iter()
+        .next()
+        .map(|order| order.state.clone());
+    assert_eq!(
+        refused,
+        Some(OrderState::Refused(
+            "UAV 1 is not armed: arm it first".into()
+        ))
+    );
+    bench.heartbeat(COPTER, MavType::MAV_TYPE_QUADROTOR, true, 0);
+    bench.command(Command::Order(SystemId(1), takeoff));
     let mode = bench
         .sent_command(COPTER, cmd::DO_SET_MODE)
         .expect("the mode is set");
@@ -352,6 +364,54 @@ fn taking_off_means_guided_mode_first() {
         .sent_command(COPTER, cmd::NAV_TAKEOFF)
         .expect("then it climbs");
     assert!((climb.z - 2.0).abs() < 1e-6);
+}
+
+#[test]
+fn a_vehicle_is_told_the_numbers_of_its_own_firmware_or_none() {
+    let mut bench = Bench::new(Source::Live);
+    let mut beat = |autopilot, custom_mode| {
+        let heartbeat = HEARTBEAT_DATA {
+            custom_mode,
+            mavtype: MavType::MAV_TYPE_QUADROTOR,
+            autopilot,
+            mavlink_version: 3,
+            ..HEARTBEAT_DATA::default()
+        };
+        bench.hear(COPTER, &Message::HEARTBEAT(heartbeat));
+        bench.command(Command::Order(SystemId(1), Order::ReturnToLaunch));
+        let vehicle = &bench.model().vehicles[&SystemId(1)];
+        let mode = vehicle.heartbeat.value.mode.to_string();
+        let told = bench.sent_command(COPTER, cmd::DO_SET_MODE);
+        bench.sent.clear();
+        bench.answer(COPTER, cmd::DO_SET_MODE, MavResult::MAV_RESULT_ACCEPTED);
+        (mode, told.map(|told| told.params[..3].to_vec()))
+    };
+    let px4_hold = 3 << 24 | 4 << 16;
+    let px4 = beat(MavAutopilot::MAV_AUTOPILOT_PX4, px4_hold);
+    assert_eq!(px4, ("HOLD".into(), Some(vec![1.0, 4.0, 5.0])));
+    let other = beat(MavAutopilot::MAV_AUTOPILOT_GENERIC, 9);
+    assert_eq!(other, ("MODE 9".into(), None));
+}
+
+#[test]
+fn a_height_above_sea_level_does_not_stand_in_for_one_above_home() {
+    let mut bench = Bench::new(Source::Live);
+    bench.heartbeat(ROVER, MavType::MAV_TYPE_GROUND_ROVER, false, 4);
+    let position = |relative_alt| {
+        Message::GLOBAL_POSITION_INT(GLOBAL_POSITION_INT_DATA {
+            lat: ORIGIN_E7[0],
+            lon: ORIGIN_E7[1],
+            alt: 584_000,
+            relative_alt,
+            ..GLOBAL_POSITION_INT_DATA::default()
+        })
+    };
+    bench.hear(ROVER, &position(584_000));
+    assert!(bench.model().map.origin.is_none(), "it has no home yet");
+    bench.hear(ROVER, &position(100));
+    let place = bench.model().vehicles[&SystemId(2)].position;
+    let height_m = place.map(|place| place.value.raw.z).expect("on the map");
+    assert!((height_m - 0.1).abs() < 1e-3, "{height_m}");
 }
 
 #[test]

@@ -108,7 +108,11 @@ fn telemetry_ui(ui: &mut Ui, model: &Model, vehicle: &Vehicle) {
             2 => "2-D fix",
             3 => "3-D fix",
             4 => "3-D fix, DGPS",
-            _ => "3-D fix, RTK",
+            5 => "3-D fix, RTK float",
+            6 => "3-D fix, RTK fixed",
+            7 => "static",
+            8 => "3-D fix, PPP",
+            _ => "unknown fix",
         };
         gps.satellites.map_or_else(
             || fix.to_owned(),
@@ -210,7 +214,7 @@ fn safe_orders_ui(ui: &mut Ui, vehicle: &Vehicle, name: &str, order: &mut impl F
     if ui.button(format!("Hold {name}")).clicked() {
         order(Order::Hold);
     }
-    let can_return = Mode::Rtl.number(vehicle.kind).is_some();
+    let can_return = Mode::Rtl.number(vehicle.firmware, vehicle.kind).is_some();
     if can_return && ui.button(format!("RTL {name}")).clicked() {
         order(Order::ReturnToLaunch);
     }
