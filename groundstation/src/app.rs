@@ -32,6 +32,9 @@ const TICK_EVERY: Duration = Duration::from_millis(50);
 /// The overlay of drivable ground is made anew this often, while it is shown and the map changes.
 const DRIVABLE_EVERY: Duration = Duration::from_secs(3);
 
+/// Where it listens if nobody says otherwise: where vehicles send to a ground station.
+const DEFAULT_LINK: &str = "udpin:0.0.0.0:14550";
+
 /// What the program was started with.
 #[derive(Debug, Default)]
 pub struct Options {
@@ -58,6 +61,9 @@ pub struct App {
     planner: Worker,
     replay: Option<Replay>,
     runner: Option<Runner>,
+    scripted: bool,
+    /// The operator has been told that the recording has stopped.
+    recording_stopped: bool,
     end: Option<Result<(), Failure>>,
     workspace: Workspace,
     pictures: PathBuf,
@@ -76,7 +82,7 @@ impl App {
             Some(replay) => (Source::Replay, replay.epoch_unix_us()),
             None => (Source::Live, clock.epoch_unix_us()),
         };
-        let links = config
+        let mut links = config
             .links
             .iter()
             .chain(&options.connect)
@@ -86,6 +92,9 @@ impl App {
             replay.is_none() || (links.is_empty() && options.record.is_none()),
             "a replay has no links and records nothing: leave out --connect and --record"
         );
+        if links.is_empty() && replay.is_none() && options.script.is_none() {
+            links.push(DEFAULT_LINK.to_owned());
+        }
         let mut app = Self {
             clock,
             station: Station::new(Model::new(config, source, epoch)),
@@ -97,7 +106,9 @@ impl App {
                 .transpose()?,
             planner: Worker::start().context("cannot start the planner's thread")?,
             replay,
+            scripted: options.script.is_some(),
             runner: options.script.map(Runner::new),
+            recording_stopped: false,
             end: None,
             workspace: Workspace::default(),
             pictures: options.pictures,
@@ -127,6 +138,11 @@ impl App {
     /// Everything that is known.
     pub fn model(&self) -> &Model {
         self.station.model()
+    }
+
+    /// Whether there was a script and all of it is done, `quit` or not.
+    pub fn script_is_done(&self) -> bool {
+        self.scripted && self.runner.is_none()
     }
 
     /// How the script ended; `None` while it runs, or without a script.
@@ -246,6 +262,10 @@ impl App {
         let unix_us = self.station.model().unix_us(at);
         if let Some(recorder) = &mut self.recorder {
             recorder.record(unix_us, frame);
+            if !recorder.is_recording() && !self.recording_stopped {
+                self.recording_stopped = true;
+                self.feed(at, Event::RecordingStopped);
+            }
         }
     }
 

@@ -1,7 +1,8 @@
 //! `groundstation`: the operator's program.
 
-use std::io::IsTerminal as _;
+use std::io::{IsTerminal as _, Write as _};
 use std::path::PathBuf;
+use std::process::ExitCode;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::time::Duration;
@@ -27,7 +28,7 @@ struct Arguments {
     /// Recording (.tlog) to replay; nothing can be commanded then
     #[arg(long, value_name = "FILE")]
     replay: Option<PathBuf>,
-    /// Run without a window, for a script; pictures are drawn all the same
+    /// Run without a window, for a script or a recording; pictures are drawn all the same
     #[arg(long)]
     headless: bool,
     /// Script that plays the operator, see --script-help
@@ -66,7 +67,19 @@ fn size(text: &str) -> Result<[u32; 2], String> {
         .ok_or_else(|| "expected WIDTHxHEIGHT, each from 320 to 7680, as 1600x900".to_owned())
 }
 
-fn main() -> anyhow::Result<()> {
+fn main() -> ExitCode {
+    let done = execute();
+    done.map_or_else(
+        |error| {
+            // One line with all causes; nowhere else to say it if that fails.
+            writeln!(std::io::stderr(), "error: {error:#}").unwrap_or_default();
+            ExitCode::FAILURE
+        },
+        |()| ExitCode::SUCCESS,
+    )
+}
+
+fn execute() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
     let filter = tracing_subscriber::EnvFilter::builder()
         .with_default_directive(tracing::level_filters::LevelFilter::INFO.into())
@@ -96,6 +109,10 @@ fn main() -> anyhow::Result<()> {
         print!("{}", toml::to_string(&config)?);
         return Ok(());
     }
+    anyhow::ensure!(
+        !arguments.headless || arguments.script.is_some() || arguments.record.is_some(),
+        "--headless has nothing to do: give it a --script to follow or a file to --record to"
+    );
     let stop = Arc::new(AtomicBool::new(false));
     let on_signal = Arc::clone(&stop);
     ctrlc::set_handler(move || on_signal.store(true, Ordering::Relaxed))
@@ -124,7 +141,8 @@ fn read_script(path: &std::path::Path) -> anyhow::Result<Vec<script::Line>> {
 
 fn run_headless(mut app: App, size: [u32; 2], stop: &AtomicBool) -> anyhow::Result<()> {
     let mut headless = None;
-    while app.end().is_none_or(|_| app.wanted_picture().is_some()) && !stop.load(Ordering::Relaxed)
+    while (app.end().is_none() && !app.script_is_done() || app.wanted_picture().is_some())
+        && !stop.load(Ordering::Relaxed)
     {
         app.logic(PATIENCE);
         if app.wanted_picture().is_none() {

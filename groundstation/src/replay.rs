@@ -12,6 +12,8 @@ use mavlink_ext::tlog::TlogReader;
 
 /// Longer recordings are refused: they are held in memory.
 const MAX_FRAMES: usize = 5_000_000;
+/// A log with more damage than this is none: a telemetry log has hardly any.
+const LEAST_FRAMES_PER_DAMAGE: usize = 10;
 
 /// What the operator can do with a replay.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -33,6 +35,17 @@ pub enum ReplayError {
     #[error("the recording holds no MAVLink frame ({damaged} damaged records)")]
     Empty {
         /// Records that could not be read.
+        damaged: u64,
+    },
+    /// It is something else in which a few frames seem to be.
+    #[error(
+        "this is no telemetry log (.tlog): {frames} frames stand among {damaged} damaged records; flight logs of the autopilot (.bin, .ulg) \
+         are not read"
+    )]
+    NotALog {
+        /// Records that could be read.
+        frames: usize,
+        /// Records that could not.
         damaged: u64,
     },
     /// It is too long to be held in memory.
@@ -87,6 +100,12 @@ impl Replay {
         let (Some((length, _)), Some(epoch_unix_us)) = (frames.last(), epoch_unix_us) else {
             return Err(ReplayError::Empty { damaged });
         };
+        if damaged as usize * LEAST_FRAMES_PER_DAMAGE > frames.len() {
+            return Err(ReplayError::NotALog {
+                frames: frames.len(),
+                damaged,
+            });
+        }
         Ok(Self {
             length: *length,
             frames,

@@ -35,7 +35,7 @@ headings degrees clockwise from north, N the system id of a vehicle.
   wait SECONDS                         let time pass
   connect URI                          open a link: udpin:HOST:PORT or udpout:HOST:PORT
   screenshot NAME                      write NAME.png into the folder of --screenshot
-  quit                                 end with success
+  quit                                 end with success; a headless run also ends after its last line
   wait-for vehicle N                   its autopilot's heartbeat is heard
   wait-for position N                  its place on the map is known
   wait-for ready N                     it says that it can be armed
@@ -51,9 +51,10 @@ headings degrees clockwise from north, N the system id of a vehicle.
   arm N | disarm N | start N           wait until telemetry shows it
   takeoff N alt A | land N | rtl N | hold N | mode N NAME
   view top | view fit | view follow N | view free
-  view orbit AZIMUTH ELEVATION DISTANCE | view look-at X Y Z
+  view orbit AZIMUTH ELEVATION DISTANCE  look towards AZIMUTH, ELEVATION degrees down, from DISTANCE m
+  view look-at X Y Z                   with that place in the middle
   show LAYER | hide LAYER              map grid traversability tracks plans camera axes
-  replay play | replay pause | replay speed X | replay seek SECONDS
+  replay play | replay pause | replay speed X (at most 1000) | replay seek SECONDS
 ";
 
 /// A command and the line it stands in.

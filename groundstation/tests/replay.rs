@@ -130,6 +130,25 @@ fn what_is_no_recording_is_refused() {
 }
 
 #[test]
+fn a_file_of_mostly_damage_is_no_recording() {
+    let record = |unix_us: u64| {
+        let frame =
+            Encoder::new(Address::new(1, 1)).encode(&Message::HEARTBEAT(HEARTBEAT_DATA::default()));
+        [&unix_us.to_be_bytes()[..], frame.bytes()].concat()
+    };
+    let mut log = Vec::new();
+    for second in 0..9 {
+        log.extend(record(1_700_000_000_000_000 + second * 1_000_000));
+    }
+    assert!(Replay::read(&log[..]).is_ok());
+    log.extend([0x55; 40]);
+    log.extend(record(1_700_000_010_000_000));
+    log.extend([0x55; 40]);
+    let refused = Replay::read(&log[..]).err().map(|error| error.to_string());
+    assert!(refused.is_some_and(|text| text.contains(".ulg")));
+}
+
+#[test]
 fn a_recorded_copter_mission_ends_where_it_began() {
     let Some(mut replay) = recorded("sitl_copter_quad_mission.tlog") else {
         return;

@@ -236,7 +236,7 @@ impl<'a> Words<'a> {
             .into_iter()
             .find(|layer| layer.word() == name)
             .ok_or_else(|| Problem::Unexpected {
-                what: "map, grid, traversability, tracks, plans or axes",
+                what: "map, grid, traversability, tracks, plans, camera or axes",
                 found: name.to_owned(),
             })
     }

@@ -3,7 +3,7 @@
 use std::time::Duration;
 
 use egui::{
-    Align2, Color32, CornerRadius, Id, Pos2, Rect, Response, RichText, Role, Sense, Shape, Stroke,
+    Color32, CornerRadius, Id, Pos2, Rect, Response, RichText, Role, Sense, Shape, Stroke,
     StrokeKind, TextStyle, Ui, Vec2, WidgetInfo,
 };
 use maps::time::Stamp;
@@ -261,24 +261,6 @@ pub fn signed(ui: &mut Ui, which: Sign, text: RichText, color: Color32) {
         sign(ui, which, color);
         ui.label(text.color(color));
     });
-}
-
-/// A rounded label with its own background.
-pub fn badge(ui: &mut Ui, text: &str, ink: Color32, fill: Color32) -> Response {
-    let font = TextStyle::Small.resolve(ui.style());
-    let galley = ui.painter().layout_no_wrap(text.to_owned(), font, ink);
-    let size = galley.size() + Vec2::new(14.0, 6.0);
-    let (rect, response) = ui.allocate_exact_size(size, Sense::hover());
-    ui.painter().rect_filled(rect, CornerRadius::same(4), fill);
-    ui.painter().galley(
-        Align2::CENTER_CENTER
-            .anchor_size(rect.center(), galley.size())
-            .min,
-        galley,
-        ink,
-    );
-    response.widget_info(|| WidgetInfo::labeled(Role::Label, true, text));
-    response
 }
 
 /// A bar that is filled to `share`.
