@@ -49,7 +49,7 @@ pub(crate) enum Command {
 
 #[derive(clap::Args)]
 pub(crate) struct Options {
-    /// Configuration file; the defaults without.
+    /// Configuration file; the defaults without. Every key is explained in companion/config/reference.toml.
     #[arg(short, long, value_name = "FILE")]
     config: Option<PathBuf>,
     /// Folder for what is written, instead of the configured one.

@@ -7,9 +7,10 @@ use std::path::Path;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Duration;
 
+use geodesy::Geodetic;
 use maps::camera::Pinhole;
 use mavlink_ext::dialect::tandem::{HEARTBEAT_DATA, MavAutopilot, MavType};
-use mavlink_ext::link::{Link, LinkUri};
+use mavlink_ext::link::{Link, LinkError, LinkUri};
 use mavlink_ext::presence::companion_heartbeat;
 use mavlink_ext::{Address, Encoder, Message};
 use sensors::RgbdSource;
@@ -85,6 +86,7 @@ pub fn examine(settings: &Settings, clock: Clock, listen: Duration, mut tell: im
         tell(check);
     }
     tell(check_dialect_path(settings));
+    tell(check_origin(settings));
     tell(Check::new("disk", check_disk(&settings.out)));
     tell(Check::new("clock", check_clock(since_1970())));
 }
@@ -251,11 +253,16 @@ fn open_link(id: LinkId, uri: &LinkUri, heartbeats: SyncSender<Heartbeat>) -> Re
             let _delivered = heartbeats.try_send((id, frame.from(), heartbeat));
         }
     });
-    link.map_err(|error| {
-        format!(
+    link.map_err(|error| match error {
+        LinkError::Open { .. } => format!(
             "{}: is another companion running, or another program on this port?",
             chain(&error)
-        )
+        ),
+        LinkError::Resolve { .. } => format!(
+            "{}: correct the host in [links], or check that names resolve here",
+            chain(&error)
+        ),
+        LinkError::Uri { .. } | LinkError::Send { .. } => chain(&error),
     })
 }
 
@@ -304,6 +311,26 @@ fn check_dialect_path(settings: &Settings) -> Check {
         (_, Some(ground)) => Ok(format!("goes to {ground} only, past the flight controller")),
     };
     Check::new("dialect", outcome)
+}
+
+/// Where the map lies on the earth decides where the ground vehicle drives.
+fn check_origin(settings: &Settings) -> Check {
+    let finding = match settings.origin {
+        Some(Geodetic {
+            lat_deg,
+            lon_deg,
+            alt_m,
+        }) => Finding::Ok(format!(
+            "{lat_deg:.7}, {lon_deg:.7}, {alt_m:.1} m above the ellipsoid"
+        )),
+        None => Finding::Note(
+            "not configured: the map's origin will be the autopilot's home, its start heading slam.initial_heading_deg".into(),
+        ),
+    };
+    Check {
+        name: "origin",
+        finding,
+    }
 }
 
 fn check_disk(out: &Path) -> Result<String, String> {
@@ -373,13 +400,17 @@ mod tests {
     fn a_ground_station_that_answers_only_those_it_has_heard_is_heard() {
         let station = UdpSocket::bind("127.0.0.1:0").expect("a port");
         let port = station.local_addr().expect("bound").port();
-        let answer = thread::spawn(move || {
+        let answer = move || {
             let mut datagram = [0; 512];
             let (_, companion) = station.recv_from(&mut datagram).expect("a heartbeat");
             let beat = Message::HEARTBEAT(ground_station_heartbeat());
             let frame = Encoder::new(Address::new(255, 190)).encode(&beat);
             station.send_to(frame.bytes(), companion).expect("loopback");
-        });
+        };
+        let answer = thread::Builder::new()
+            .name("station".into())
+            .spawn(answer)
+            .expect("a thread");
         let mut config = Config::default();
         config.source.path = "flight.mcap".into();
         config.links.autopilot.clear();

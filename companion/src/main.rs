@@ -98,6 +98,12 @@ fn replay_one(settings: &Settings, clock: Clock) -> Result<()> {
             settings.out.display()
         );
     }
+    if report.frames_tracked == 0 {
+        bail!(
+            "the place of the camera was never found, so there is no map: are the images sharp, and does enough of them have \
+             depth (source.depth_factor)?"
+        );
+    }
     Ok(())
 }
 

@@ -33,8 +33,13 @@ pub enum RunError {
     #[error(transparent)]
     Source(#[from] SourceError),
     /// A link cannot be opened.
-    #[error("is another companion running, or another program on this port?")]
-    Link(#[from] LinkError),
+    #[error(
+        "cannot open the links: is another companion running, or another program on this port?"
+    )]
+    Link(#[source] LinkError),
+    /// A link leads nowhere.
+    #[error(transparent)]
+    Nowhere(LinkError),
     /// The system gives no thread.
     #[error("cannot start a thread")]
     Thread(#[from] std::io::Error),
@@ -44,6 +49,17 @@ pub enum RunError {
     /// The source failed in flight; the map was served to the end all the same.
     #[error("the source failed: {0}")]
     SourceFailed(String),
+}
+
+impl From<LinkError> for RunError {
+    fn from(error: LinkError) -> Self {
+        match error {
+            LinkError::Open { .. } => Self::Link(error),
+            LinkError::Uri { .. } | LinkError::Resolve { .. } | LinkError::Send { .. } => {
+                Self::Nowhere(error)
+            }
+        }
+    }
 }
 
 /// The queue of everything that happens.

@@ -265,22 +265,16 @@ impl Companion {
         }
         if !self.origin_missed && now.since(Stamp::ZERO) > ORIGIN_PATIENCE {
             self.origin_missed = true;
-            self.tell(
-                Severity::Warning,
-                "no map origin: set [origin] or get a fix",
-                act,
-            );
+            self.tell(Severity::Warning, "no map origin: set it or get a fix", act);
         }
         if !self.presence.is_alive(self.autopilot) {
             return;
         }
         match self.origin.tick(now) {
             None => {}
-            Some(Wish::HeightIsAboveSeaLevel) => self.tell(
-                Severity::Warning,
-                "map origin above sea level: GPS has no ellipsoid",
-                act,
-            ),
+            Some(Wish::HeightIsAboveSeaLevel) => {
+                self.tell(Severity::Warning, "map origin is above mean sea level", act);
+            }
             Some(Wish::Message(id)) => self.ask_autopilot(now, id, act),
         }
     }
@@ -314,14 +308,19 @@ impl Companion {
     }
 
     /// Tells the operator, and the log. At most 50 characters reach the operator.
-    fn tell(&mut self, severity: Severity, text: &str, act: &mut dyn FnMut(Action)) {
+    fn tell(&mut self, severity: Severity, text: &'static str, act: &mut dyn FnMut(Action)) {
+        let told = format!("companion: {text}");
+        debug_assert!(
+            told.len() <= 50,
+            "{told:?} does not fit into one STATUSTEXT"
+        );
         let message = Message::STATUSTEXT(STATUSTEXT_DATA {
             severity: match severity {
                 Severity::Error => MavSeverity::MAV_SEVERITY_ERROR,
                 Severity::Warning => MavSeverity::MAV_SEVERITY_WARNING,
                 Severity::Info => MavSeverity::MAV_SEVERITY_INFO,
             },
-            text: char_array(&format!("companion: {text}")),
+            text: char_array(&told),
             id: 0,
             chunk_seq: 0,
         });

@@ -63,7 +63,7 @@ pub enum SourceError {
     /// Images that are listed and not there.
     #[error(
         "{} is listed but missing, as are {others} more of {listed} images: complete the folder, or set \
-         `missing_images = \"skip\"` to leave their frames out",
+         `missing_images = \"skip\"` in [source] of the configuration to leave their frames out",
         path.display()
     )]
     MissingImages {
@@ -133,6 +133,18 @@ pub enum SourceError {
         frames: usize,
         /// What the reader says.
         source: mcap::McapError,
+    },
+    /// A file that is something else.
+    #[error("{} is no MCAP file: give a folder in TUM layout or an MCAP file", path.display())]
+    NotMcap {
+        /// The file.
+        path: PathBuf,
+    },
+    /// A folder that is something else.
+    #[error("{} is no recording in the TUM layout: it has no rgb.txt and no associations.txt", path.display())]
+    NotTum {
+        /// The folder.
+        path: PathBuf,
     },
     /// A file in which too many images come before their partners.
     #[error(

@@ -109,6 +109,11 @@ impl McapFile {
             .collect();
         let camera = match (survey.camera, pairs.is_empty(), survey.damage) {
             (Some(camera), false, _) => camera,
+            (_, _, Some(McapError::BadMagic)) => {
+                return Err(SourceError::NotMcap {
+                    path: path.to_owned(),
+                });
+            }
             (_, _, Some(source)) => {
                 return Err(SourceError::Mcap {
                     path: path.to_owned(),

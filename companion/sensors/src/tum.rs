@@ -204,6 +204,10 @@ fn pairs(folder: &Path, max_difference: Duration) -> Result<Vec<Pair>, SourceErr
     let associations = folder.join("associations.txt");
     let mut pairs = if associations.exists() {
         listed_pairs(folder, &associations)?
+    } else if !folder.join("rgb.txt").exists() {
+        return Err(SourceError::NotTum {
+            path: folder.to_owned(),
+        });
     } else {
         let colors = list(folder, "rgb.txt")?;
         let depths = list(folder, "depth.txt")?;

@@ -90,6 +90,19 @@ fn a_source_path_starts_at_its_file_and_is_printed_as_it_stands_there() {
 }
 
 #[test]
+fn the_reference_names_every_key_with_its_default() {
+    let reference = include_str!("../../config/reference.toml");
+    let written: toml::Table = reference.parse().expect("well-formed");
+    let printed = Config::default().to_toml().expect("prints");
+    let printed: toml::Table = printed.parse().expect("well-formed");
+    assert_eq!(written, printed);
+    let origin = reference.split("# [origin]").nth(1).unwrap_or_default();
+    let origin = format!("[origin]{}", origin.replace("\n# ", "\n"));
+    let config: Config = toml::from_str(&origin).expect("the commented table is one");
+    assert!(config.origin.is_some());
+}
+
+#[test]
 fn headings_turn_clockwise_from_north() {
     let mut config = sound();
     config.slam.initial_heading_deg = 0.0;
