@@ -25,7 +25,9 @@ const MAX_DATAGRAM: usize = 65_536;
 #[derive(Debug, thiserror::Error)]
 pub enum LinkError {
     /// The text is no link.
-    #[error("{uri:?} is no link, expected udpin:HOST:PORT or udpout:HOST:PORT")]
+    #[error(
+        "{uri:?} is no link, expected udpin:HOST:PORT or udpout:HOST:PORT; a serial port needs a bridge to UDP such as mavlink-router"
+    )]
     Uri {
         /// What was given.
         uri: String,

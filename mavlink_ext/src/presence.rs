@@ -74,11 +74,6 @@ impl Presence {
         }
     }
 
-    /// Changes the content from the next heartbeat on.
-    pub fn set_heartbeat(&mut self, heartbeat: HEARTBEAT_DATA) {
-        self.heartbeat = heartbeat;
-    }
-
     /// Everybody heard so far, lost ones too.
     pub fn peers(&self) -> &BTreeMap<Address, Peer> {
         &self.peers

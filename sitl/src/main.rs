@@ -2,8 +2,9 @@
 
 mod status;
 
-use std::io::IsTerminal as _;
+use std::io::{IsTerminal as _, Write as _};
 use std::path::PathBuf;
+use std::process::ExitCode;
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -38,7 +39,7 @@ struct RunArgs {
     /// The scene.
     #[arg(long, value_enum, default_value = "room")]
     scene: Name,
-    /// Seed of the scene, the wind and all noise.
+    /// Seed of the scene and all noise.
     #[arg(long, default_value_t = 1)]
     seed: u64,
     /// Records what the drone's camera sees, with the truth, as ROS 2 messages in an MCAP file (23 MB a second).
@@ -48,7 +49,7 @@ struct RunArgs {
     #[arg(long)]
     headless: bool,
     /// Ends after this much simulated time. Default: a recording takes one round (36 s), vehicles run until stopped.
-    #[arg(long, value_name = "SECONDS", value_parser = seconds)]
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_hyphen_values = true)]
     duration: Option<Duration>,
     /// Link of the copter (1/1), such as udpout:127.0.0.1:14561.
     #[arg(long, value_name = "URI")]
@@ -81,10 +82,25 @@ fn seconds(text: &str) -> Result<Duration, String> {
     let seconds: f64 = text
         .parse()
         .map_err(|_not_a_number| "not a number of seconds".to_owned())?;
+    if seconds <= 0.0 {
+        return Err("it must be longer than 0".to_owned());
+    }
     Duration::try_from_secs_f64(seconds).map_err(|error| error.to_string())
 }
 
-fn main() -> anyhow::Result<()> {
+fn main() -> ExitCode {
+    let done = execute();
+    done.map_or_else(
+        |error| {
+            // One line with all causes; nowhere else to say it if that fails.
+            writeln!(std::io::stderr(), "error: {error:#}").unwrap_or_default();
+            ExitCode::FAILURE
+        },
+        |()| ExitCode::SUCCESS,
+    )
+}
+
+fn execute() -> anyhow::Result<()> {
     let Command::Run(args) = Cli::parse().command;
     let level = if args.headless { "warn" } else { "info" };
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new(level));

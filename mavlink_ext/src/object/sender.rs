@@ -188,11 +188,6 @@ impl Sender {
         }
     }
 
-    /// Changes the budget, as when the radio says that it is full.
-    pub fn set_bytes_per_second(&mut self, bytes_per_second: u32) {
-        self.settings.bytes_per_second = bytes_per_second;
-    }
-
     /// Takes an object to send.
     pub fn offer(&mut self, now: Stamp, object: Object) -> Result<(), OfferError> {
         let id = object.id;

@@ -237,7 +237,8 @@ impl Autopilot {
         };
         Message::MISSION_CURRENT(MISSION_CURRENT_DATA {
             seq: execution.current().min(total.saturating_sub(1)) as u16,
-            total: total as u16,
+            // Home, the first item, does not count.
+            total: total.saturating_sub(1) as u16,
             mission_state,
             mission_mode: if self.mode == Mode::Auto { 1 } else { 2 },
             mission_id: self.mission.mission_id(),
