@@ -49,20 +49,25 @@
 
 pub(crate) mod block;
 mod cast;
+mod evict;
 pub(crate) mod grid;
+mod pyramid;
 pub(crate) mod surface;
 mod value;
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::RangeInclusive;
 
 use xxhash_rust::xxh3::Xxh3Default;
 
 use crate::frame::{Point, World};
-use crate::scan::Marks;
+use crate::scan::Gathered;
 use crate::tile::{Tile, TileError, TileId};
 pub use cast::RayHit;
+pub use evict::RestoreError;
 use grid::{Hashed, TileNode};
+pub use pyramid::Cube;
 pub use value::{ClassId, LogOdds, Occupancy, Rgb, Seen, Sources, Voxel, VoxelKey};
 
 /// A hash of everything that is known: maps are equal if and only if (but for one chance in 2⁶⁴) their digests are.
@@ -81,8 +86,10 @@ impl fmt::Display for MapDigest {
 pub struct VoxelMap {
     resolution_m: f64,
     tiles: Hashed<TileNode>,
+    /// The tiles that were handed out, with their versions: what is here of them is not all.
+    away: BTreeMap<TileId, u64>,
     /// What the scan under way has touched; kept between scans for its memory only.
-    pub(crate) marks: Marks,
+    pub(crate) scratch: Vec<Gathered>,
 }
 
 impl VoxelMap {
@@ -102,7 +109,8 @@ impl VoxelMap {
         Self {
             resolution_m,
             tiles: Hashed::default(),
-            marks: Marks::default(),
+            away: BTreeMap::new(),
+            scratch: Vec::new(),
         }
     }
 
@@ -133,7 +141,12 @@ impl VoxelMap {
 
     /// Whether a voxel is unknown, free or occupied.
     pub fn occupancy(&self, key: VoxelKey) -> Occupancy {
-        self.voxel(key).map_or(Occupancy::Unknown, Voxel::occupancy)
+        self.tiles
+            .get(TileId::of(key))
+            .and_then(|tile| tile.block(grid::block_index(key)))
+            .map_or(Occupancy::Unknown, |block| {
+                block.occupancy(grid::voxel_index(key))
+            })
     }
 
     /// When a voxel was last seen, and by whom; `None` if it is unknown. Of a free voxel, the answer is that of its slice.
@@ -151,10 +164,9 @@ impl VoxelMap {
             return;
         }
         let tile = self.tiles.get_or_insert(TileId::of(key));
-        let changed = tile
-            .block_mut(grid::block_index(key))
-            .set(grid::voxel_index(key), voxel);
-        tile.note(changed);
+        tile.edit(grid::block_index(key), |block| {
+            block.set(grid::voxel_index(key), voxel)
+        });
         tile.commit();
     }
 
@@ -199,17 +211,22 @@ impl VoxelMap {
             .reduce(|(low, high), (l, h)| (least(low, l), greatest(high, h)))
     }
 
-    /// The tiles in which something is known, sorted.
+    /// The tiles in which something is known and none of which is away, sorted.
     pub fn tile_ids(&self) -> Vec<TileId> {
         self.sorted_tiles()
             .into_iter()
             .map(|tile| tile.id)
+            .filter(|id| !self.away.contains_key(id))
             .collect()
     }
 
-    /// A copy of what the map knows of a tile; its version counts the changes to it. `None` if that is nothing.
+    /// A copy of what the map knows of a tile; its version counts the changes to it. `None` if that is nothing,
+    /// or not all because the tile was handed out ([`Self::evict`]).
     pub fn tile(&self, id: TileId) -> Option<Tile> {
         let node = self.tiles.get(id)?;
+        if self.away.contains_key(&id) {
+            return None;
+        }
         let blocks: Vec<_> = node
             .blocks()
             .filter(|(_, block)| !block.is_unknown())
@@ -223,8 +240,18 @@ impl VoxelMap {
         })
     }
 
-    /// Replaces what the map knows of a tile, its version included.
+    /// Replaces what the map knows of a tile, its version included; one that was handed out is no longer away.
     pub fn set_tile(&mut self, tile: &Tile) -> Result<(), TileError> {
+        self.check(tile)?;
+        self.away.remove(&tile.id);
+        if !tile.blocks.is_empty() || self.tiles.get(tile.id).is_some() {
+            self.tiles.get_or_insert(tile.id).replace(tile);
+        }
+        Ok(())
+    }
+
+    /// Whether the map can hold a tile.
+    fn check(&self, tile: &Tile) -> Result<(), TileError> {
         if !tile.id.is_in_world() {
             return Err(TileError::OutsideWorld(tile.id));
         }
@@ -235,17 +262,16 @@ impl VoxelMap {
                 map_m: self.resolution_m,
             });
         }
-        if !tile.blocks.is_empty() || self.tiles.get(tile.id).is_some() {
-            self.tiles.get_or_insert(tile.id).replace(tile);
-        }
         Ok(())
     }
 
     /// The tiles that changed since this was last asked, sorted.
     pub fn take_changed_tiles(&mut self) -> Vec<TileId> {
+        let away = &self.away;
         let mut ids: Vec<_> = self
             .tiles
             .values_mut()
+            .filter(|tile| !away.contains_key(&tile.id))
             .filter_map(|tile| std::mem::take(&mut tile.changed).then_some(tile.id))
             .collect();
         ids.sort_unstable();
@@ -263,8 +289,17 @@ impl VoxelMap {
         MapDigest(hash.digest())
     }
 
+    /// Gives back the memory that insertion keeps from one scan to the next.
+    pub fn forget_scratch(&mut self) {
+        self.scratch = Vec::new();
+    }
+
     pub(crate) fn tiles(&self) -> &Hashed<TileNode> {
         &self.tiles
+    }
+
+    pub(crate) fn tiles_mut(&mut self) -> &mut Hashed<TileNode> {
+        &mut self.tiles
     }
 
     pub(crate) fn tile_mut(&mut self, id: TileId) -> &mut TileNode {

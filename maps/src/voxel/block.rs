@@ -6,7 +6,7 @@
 use xxhash_rust::xxh3::Xxh3Default;
 
 use super::surface::{PackedColor, PackedSeen, Surface};
-use super::{ClassId, LogOdds, Seen, Voxel};
+use super::{ClassId, LogOdds, Occupancy, Seen, Voxel};
 
 /// Voxels along an edge of a block.
 pub(crate) const EDGE: usize = 8;
@@ -96,6 +96,21 @@ impl Block {
         count(&self.occupied)
     }
 
+    pub(crate) fn is_any_occupied(&self) -> bool {
+        self.occupied != NONE
+    }
+
+    /// Unknown, free or occupied.
+    pub(crate) fn occupancy(&self, index: usize) -> Occupancy {
+        if has(&self.occupied, index) {
+            Occupancy::Occupied
+        } else if has(&self.known, index) {
+            Occupancy::Free
+        } else {
+            Occupancy::Unknown
+        }
+    }
+
     pub(crate) fn is_occupied(&self, index: usize) -> bool {
         has(&self.occupied, index)
     }
@@ -154,9 +169,15 @@ impl Block {
         before != self.voxel(index)
     }
 
-    /// One update a voxel: those in `hit` have the end of a ray in them, the others in `free` have rays passing.
-    /// Whether that changed any content.
-    pub(crate) fn update(&mut self, free: &Mask, hit: &Mask, seen: PackedSeen) -> bool {
+    /// One update a voxel: those in `hit` have the end of a ray in them, the others in `free` have rays passing. Weights
+    /// are those of a miss, not above 0, and of a hit. Whether that changed any content.
+    pub(crate) fn update(
+        &mut self,
+        free: &Mask,
+        hit: &Mask,
+        weights: [i8; 2],
+        seen: PackedSeen,
+    ) -> bool {
         let known = self.known;
         let occupied = self.occupied;
         let mut moved = 0;
@@ -167,10 +188,11 @@ impl Block {
             }
             self.known[z] |= free | hit[z];
             let slice = &mut self.log_odds[z * 64..][..64];
-            let deltas = deltas(free, hit[z]);
+            let deltas = deltas(free, hit[z], weights);
             for (value, delta) in slice.iter_mut().zip(deltas) {
-                // Between -48 and 87 before it is clamped: no overflow.
-                let new = (*value + delta).clamp(LogOdds::MIN.0, LogOdds::MAX.0);
+                let new = value
+                    .saturating_add(delta)
+                    .clamp(LogOdds::MIN.0, LogOdds::MAX.0);
                 moved |= new ^ *value;
                 *value = new;
             }
@@ -186,6 +208,28 @@ impl Block {
             }
         }
         moved != 0 || known != self.known
+    }
+
+    /// Adds what another block has found out since: log-odds add up, its colours and classes count. Whether that changed
+    /// any content.
+    pub(crate) fn add(&mut self, newer: &Self) -> bool {
+        let before = self.clone();
+        for index in ones(&newer.known) {
+            let sum = self.log_odds[index].saturating_add(newer.log_odds[index]);
+            self.log_odds[index] = LogOdds(sum).clamped().0;
+        }
+        for z in 0..EDGE {
+            self.known[z] |= newer.known[z];
+            self.occupied[z] = positive(&self.log_odds[z * 64..][..64]);
+            self.free_seen[z] = self.free_seen[z].and(newer.free_seen[z]);
+        }
+        self.realign_surfaces(&before.occupied);
+        for (index, surface) in ones(&self.occupied).zip(&mut self.surfaces) {
+            if let Some(newer) = newer.surface(index) {
+                surface.add(*newer);
+            }
+        }
+        *self != before
     }
 
     /// The least and greatest place `[x, y, z]` of what is known.
@@ -278,13 +322,13 @@ fn rank(mask: &Mask, index: usize) -> usize {
 }
 
 /// What 64 voxels gain: eight at a time, a byte of each mask spread over eight bytes.
-fn deltas(free: u64, hit: u64) -> [i8; 64] {
-    const HIT: u64 = 0x0101_0101_0101_0101 * LogOdds::HIT.0 as u64;
-    const MISS: u64 = 0x0101_0101_0101_0101 * LogOdds::MISS.0.cast_unsigned() as u64;
+fn deltas(free: u64, hit: u64, weights: [i8; 2]) -> [i8; 64] {
+    let [miss_weight, hit_weight] =
+        weights.map(|w| u64::from(w.cast_unsigned()) * 0x0101_0101_0101_0101);
     let mut deltas = [0; 64];
     let rows = free.to_le_bytes().into_iter().zip(hit.to_le_bytes());
     for (row, (free, hit)) in deltas.chunks_exact_mut(8).zip(rows) {
-        let bytes = SPREAD[usize::from(free)] & MISS | SPREAD[usize::from(hit)] & HIT;
+        let bytes = SPREAD[usize::from(free)] & miss_weight | SPREAD[usize::from(hit)] & hit_weight;
         for (delta, byte) in row.iter_mut().zip(bytes.to_le_bytes()) {
             *delta = byte.cast_signed();
         }

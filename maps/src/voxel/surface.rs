@@ -140,6 +140,17 @@ impl Surface {
         };
     }
 
+    /// Takes over what a newer surface has.
+    pub(crate) fn add(&mut self, newer: Self) {
+        if newer.color != PackedColor::NONE {
+            self.color = newer.color;
+        }
+        if newer.class != ClassId::NONE {
+            (self.class, self.votes) = (newer.class, newer.votes);
+        }
+        self.seen = self.seen.and(newer.seen);
+    }
+
     /// Moves the colour towards one that was seen.
     pub(crate) fn see_color(&mut self, seen: PackedColor) {
         self.color = self.color.towards(seen);
