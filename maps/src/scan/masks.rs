@@ -6,14 +6,16 @@ use crate::voxel::block::{Mask, NONE};
 use crate::voxel::grid::{Directory, Hashed, OfTile, block_index};
 
 /// One mask for each block that was asked for, found by tile and place. Keeps its memory when it is cleared.
-#[derive(Clone, Debug, Default)]
+#[derive(Clone, Debug)]
 pub(super) struct Masks {
     tiles: Hashed<TileMasks>,
     /// Which tiles this scan has touched; the others wait, empty, for a later one.
     touched: Vec<usize>,
-    /// The tile asked for last.
-    recent: Option<(TileId, usize)>,
+    /// Where the tiles asked for last are, so that rays need not search: a place for each by the lowest bits of its id.
+    recent: [Option<(TileId, u32)>; RECENT],
 }
+
+const RECENT: usize = 64;
 
 #[derive(Clone, Debug)]
 struct TileMasks {
@@ -34,13 +36,25 @@ impl OfTile for TileMasks {
     }
 }
 
+impl Default for Masks {
+    fn default() -> Self {
+        Self {
+            tiles: Hashed::default(),
+            touched: Vec::new(),
+            recent: [None; RECENT],
+        }
+    }
+}
+
 impl Masks {
     /// The mask of a voxel's block, empty if it is new.
+    #[inline]
     pub(super) fn of(&mut self, key: VoxelKey) -> &mut Mask {
         let (tile, block) = (TileId::of(key), block_index(key));
-        let position = match self.recent {
-            Some((recent, position)) if recent == tile => position,
-            _ => self.enter(tile),
+        let recent = (tile.x & 3 | (tile.y & 3) << 2 | (tile.z & 3) << 4) as usize;
+        let position = match self.recent[recent] {
+            Some((id, position)) if id == tile => position as usize,
+            _ => self.enter(tile, recent),
         };
         let tile = self.tiles.at_mut(position);
         let slot = tile.directory.get(block).unwrap_or_else(|| {
@@ -72,12 +86,12 @@ impl Masks {
             .flat_map(|tile| tile.places.iter().copied().zip(&tile.masks))
     }
 
-    fn enter(&mut self, tile: TileId) -> usize {
+    fn enter(&mut self, tile: TileId, recent: usize) -> usize {
         let position = self.tiles.position(tile);
         if self.tiles.at(position).masks.is_empty() {
             self.touched.push(position);
         }
-        self.recent = Some((tile, position));
+        self.recent[recent] = Some((tile, position as u32));
         position
     }
 
@@ -94,6 +108,6 @@ impl Masks {
             }
             tile.masks.clear();
         }
-        self.recent = None;
+        self.recent = [None; RECENT];
     }
 }

@@ -15,9 +15,6 @@ use crate::voxel::grid::voxel_index;
 use crate::voxel::surface::PackedColor;
 use crate::voxel::{ClassId, Occupancy, VoxelKey, VoxelMap, key_at};
 
-/// A block of which every voxel is marked.
-const FULL: Mask = [u64::MAX; 8];
-
 /// What the points of a scan, or a part of them, have touched.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Gathered {
@@ -257,7 +254,7 @@ impl Line {
         let mut at = from;
         while remaining > 0 {
             let mask = free.of(VoxelKey::new(at[0], at[1], at[2]));
-            if *mask == FULL {
+            if mask.iter().all(|word| *word == u64::MAX) {
                 let behind = self.skip_block(at);
                 remaining = remaining.saturating_sub(distance(at, behind));
                 at = behind;
@@ -268,35 +265,55 @@ impl Line {
     }
 
     /// Walks from voxel to voxel until the block is left or nothing remains to be marked.
+    ///
+    /// The word of the slice is kept out of memory until the slice is left: steps would wait for one another's stores.
     fn mark_block(&self, mask: &mut Mask, at: [i32; 3], mut remaining: u32) -> ([i32; 3], u32) {
-        let [mut x, mut y, mut z] = at;
         let [mut next_x, mut next_y, mut next_z] = std::array::from_fn(|i| self.border(i, at[i]));
         let mut border = [0, 1, 2].map(|i| f64::from(at[i] + self.ahead[i]));
         let step = self.step.map(f64::from);
+        // How many steps along each axis lead out of the block.
+        let out: [i32; 3] = std::array::from_fn(|i| {
+            let in_block = at[i] & 7;
+            if self.ahead[i] == 1 {
+                8 - in_block
+            } else {
+                in_block + 1
+            }
+        });
+        let mut left = out;
+        let mut place = (at[1] & 7) << 3 | at[0] & 7;
+        let mut slice = (at[2] & 7) as usize;
+        let mut word = mask[slice];
         loop {
-            mask[(z & 7) as usize] |= 1 << ((y & 7) << 3 | x & 7);
+            word |= 1 << (place & 63);
             remaining -= 1;
-            let (was, is) = if next_x < next_y && next_x < next_z {
+            let axis = if next_x < next_y && next_x < next_z {
                 border[0] += step[0];
                 next_x = (border[0] - self.start[0]) * self.inverse[0];
-                x += self.step[0];
-                (x - self.step[0], x)
+                place += self.step[0];
+                0
             } else if next_y < next_z {
                 border[1] += step[1];
                 next_y = (border[1] - self.start[1]) * self.inverse[1];
-                y += self.step[1];
-                (y - self.step[1], y)
+                place += 8 * self.step[1];
+                1
             } else {
                 border[2] += step[2];
                 next_z = (border[2] - self.start[2]) * self.inverse[2];
-                z += self.step[2];
-                (z - self.step[2], z)
+                mask[slice] = word;
+                slice = (slice.wrapping_add_signed(self.step[2] as isize)) & 7;
+                word = mask[slice];
+                2
             };
-            let left_the_block = (was ^ is) & !7 != 0;
-            if left_the_block || remaining == 0 {
-                return ([x, y, z], remaining);
+            left[axis] -= 1;
+            if left[axis] == 0 || remaining == 0 {
+                break;
             }
         }
+        // If the block was left along z, this is the word of the slice at its other end, unchanged.
+        mask[slice] = word;
+        let walked = std::array::from_fn(|i| at[i] + (out[i] - left[i]) * self.step[i]);
+        (walked, remaining)
     }
 
     /// The first voxel behind the block that `at` is in: where [`Self::mark_block`] would come out.

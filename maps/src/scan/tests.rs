@@ -55,12 +55,11 @@ fn naive(scan: &Scan<'_>, least: f64) -> BTreeMap<VoxelKey, LogOdds> {
     for point in scan.hits {
         let ray = *point - scan.origin;
         let is_cut = ray.norm() > scan.max_range_m;
-        let share = if is_cut {
-            scan.max_range_m / ray.norm()
+        let end = if is_cut {
+            scan.origin + ray * (scan.max_range_m / ray.norm())
         } else {
-            1.0
+            *point
         };
-        let end = scan.origin + ray * share;
         let key = map.key_of(end);
         let to = match scan.rays {
             Rays::EachPoint => end,
