@@ -1,31 +1,99 @@
 //! Adding a scan to the map: every voxel that a ray crosses is free, every voxel in which one ends is occupied.
 //!
-//! Rays are discretised by their end: of all the points in one voxel, one ray is cast, to its centre. What the rays touch
-//! is gathered in bit masks, so that each voxel is updated once a scan however many rays cross it, and *hit* wins over
-//! *free*: a wall seen at a grazing angle is not carved away by its own rays. Then each touched block gets one pass.
+//! What the rays touch is gathered in bit masks, so that each voxel is updated once a scan however many rays cross it, and
+//! *hit* wins over *free*. Then each touched block gets one pass. Masks join by *or*, which has no order: the map depends
+//! neither on the order of the points (their colours aside) nor on the number of threads. Called within a rayon pool, the
+//! rays and then the tiles are spread over its threads; anywhere else one thread does it all.
 //!
-//! Masks join by *or*, which has no order: the map does not depend on the order of the points (their colours aside).
+//! Thin things survive ([`Carving::SparesSurfaces`]): a ray that grazes a surface before it ends in it does not wear it away.
+//! A sensor's noise, if it is known, makes what it says of a place weigh less ([`Noise`]).
 //!
 //! - J. Amanatides, A. Woo, *A fast voxel traversal algorithm for ray tracing*, Eurographics 1987.
 //! - A. Hornung et al., *`OctoMap`*, Autonomous Robots 34, 2013, section 5.1 (discretised insertion, preference of hits).
 
+mod masks;
+mod noise;
+mod rays;
+
+use rayon::prelude::*;
+
 use crate::frame::{Point, World};
 use crate::tile::TileId;
-use crate::voxel::block::{Mask, NONE, PackedColor};
-use crate::voxel::grid::{Directory, Hashed, OfTile, block_index, voxel_index};
-use crate::voxel::{Rgb, VoxelKey, VoxelMap, key_at};
+use crate::time::Stamp;
+use crate::voxel::block::{Block, Mask, NONE};
+use crate::voxel::grid::{TileNode, block_corner, block_index, voxel_index};
+use crate::voxel::surface::{PackedColor, PackedSeen, Surface};
+use crate::voxel::{ClassId, Rgb, Seen, Sources, VoxelKey, VoxelMap, key_at};
+pub use noise::Noise;
+pub(crate) use rays::Gathered;
 
-/// Points that one sensor saw at one moment from one place.
+/// Points that one sensor saw at one moment from one place. [`Scan::new`] fills in what a caller has nothing to say of.
 #[derive(Clone, Copy, Debug)]
 pub struct Scan<'a> {
     /// Where the sensor was.
     pub origin: Point<World>,
     /// Where its rays ended. A point with a NaN or an infinity is ignored, as is one outside of the world.
     pub hits: &'a [Point<World>],
-    /// The colour of each point; none of those missing at the end.
+    /// The colour of each point; none of those missing at the end. The first point in a voxel counts.
     pub colors: &'a [Rgb],
+    /// The class of each point; [`ClassId::NONE`] for those missing at the end. Where the points of one voxel differ, most
+    /// win, and the lowest id of those that tie.
+    pub classes: &'a [ClassId],
     /// A ray is free up to here and what it hits beyond is ignored.
     pub max_range_m: f64,
+    /// Points below are ignored, rays and all: reflections in wet ground.
+    pub min_height_m: f64,
+    /// The least and the greatest corner of a box outside of which nothing is updated. Rays cross it on their way.
+    pub within: Option<[Point<World>; 2]>,
+    /// How many rays are cast.
+    pub rays: Rays,
+    /// Which of the voxels that a ray crosses become freer.
+    pub carving: Carving,
+    /// How far the points may be off along their rays.
+    pub noise: Noise,
+    /// When.
+    pub at: Stamp,
+    /// By whom.
+    pub source: Sources,
+}
+
+impl<'a> Scan<'a> {
+    /// Points without colour or class, of any range, seen at the start of the clock by nobody in particular.
+    pub const fn new(origin: Point<World>, hits: &'a [Point<World>]) -> Self {
+        Self {
+            origin,
+            hits,
+            colors: &[],
+            classes: &[],
+            max_range_m: f64::INFINITY,
+            min_height_m: f64::NEG_INFINITY,
+            within: None,
+            rays: Rays::EachVoxel,
+            carving: Carving::SparesSurfaces,
+            noise: Noise::NONE,
+            at: Stamp::ZERO,
+            source: Sources::NONE,
+        }
+    }
+}
+
+/// How many rays are cast.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Rays {
+    /// One to each point: what sparse `LiDAR` sweeps need to free all that they saw.
+    EachPoint,
+    /// One to the centre of each voxel with points in it: a depth image has dozens in one.
+    EachVoxel,
+}
+
+/// Which of the voxels that a ray crosses become freer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Carving {
+    /// All but those that are hit in the same scan, as in `OctoMap`.
+    EveryVoxel,
+    /// Not the occupied voxels that the ray crosses last before its end without a gap: it runs along a surface there, and
+    /// the floor would be worn away by rays that graze it. What stands apart from where the ray ends is still carved.
+    SparesSurfaces,
 }
 
 impl VoxelMap {
@@ -35,231 +103,198 @@ impl VoxelMap {
         if !scan.origin.is_finite() || !key_at(scan.origin, per_m).is_in_world() {
             return;
         }
-        let mut marks = std::mem::take(&mut self.marks);
-        marks.gather(scan, per_m);
-        self.update(&marks);
-        marks.clear();
-        self.marks = marks;
+        let threads = match rayon::current_thread_index() {
+            Some(_) => rayon::current_num_threads(),
+            None => 1,
+        };
+        let mut parts = std::mem::take(&mut self.scratch);
+        parts.resize_with(threads.max(1), Gathered::default);
+        let share = scan.hits.len().div_ceil(parts.len()).max(1);
+        let gather = |(i, part): (usize, &mut Gathered)| {
+            let start = (i * share).min(scan.hits.len());
+            let end = (start + share).min(scan.hits.len());
+            part.gather(self, scan, start..end);
+        };
+        if parts.len() == 1 {
+            parts.iter_mut().enumerate().for_each(gather);
+        } else {
+            parts.par_iter_mut().enumerate().for_each(gather);
+        }
+        self.update(&parts, scan);
+        parts.iter_mut().for_each(Gathered::clear);
+        self.scratch = parts;
     }
 
     /// One update for each voxel that is marked, and one version more for each tile that changed.
-    fn update(&mut self, marks: &Marks) {
-        for &position in &marks.touched {
-            let tile_marks = marks.tiles.at(position);
-            let tile = self.tile_mut(tile_marks.id);
-            for (at, marks) in &tile_marks.blocks {
-                if marks.free != NONE || marks.hit != NONE {
-                    let changed = tile.block_mut(*at).update(&marks.free, &marks.hit);
-                    tile.note(changed);
+    fn update(&mut self, parts: &[Gathered], scan: &Scan<'_>) {
+        let mut ids: Vec<_> = parts
+            .iter()
+            .flat_map(Gathered::tiles)
+            .filter(|id| id.is_in_world())
+            .collect();
+        ids.sort_unstable();
+        ids.dedup();
+        let update = Update::new(scan, self.resolution_m());
+        let mut nodes = self.tiles_mut().many_mut(&ids);
+        if parts.len() == 1 {
+            for node in &mut nodes {
+                update.tile(node, parts);
+            }
+        } else {
+            nodes
+                .par_iter_mut()
+                .for_each(|node| update.tile(node, parts));
+        }
+        self.see_surfaces(parts);
+        for node in self.tiles_mut().many_mut(&ids) {
+            node.commit();
+        }
+    }
+
+    /// Colours and classes, where voxels are occupied now.
+    fn see_surfaces(&mut self, parts: &[Gathered]) {
+        for (i, part) in parts.iter().enumerate() {
+            for &(key, color) in part.colors() {
+                // The first point of a voxel counts, and it is in the first part that hit the voxel.
+                if !parts[..i].iter().any(|before| before.has_hit(key)) {
+                    self.see(key, |surface| surface.see_color(color));
                 }
             }
         }
-        for &(key, color) in &marks.colored {
-            let tile = self.tile_mut(TileId::of(key));
-            let block = tile.block_mut(block_index(key));
-            let changed = block.see_color(voxel_index(key), color);
-            tile.note(changed);
-        }
-        for &position in &marks.touched {
-            self.tile_mut(marks.tiles.at(position).id).commit();
+        let classes = parts.iter().flat_map(Gathered::classes).copied().collect();
+        for (key, class) in majorities(classes) {
+            self.see(key, |surface| surface.see_class(class));
         }
     }
-}
 
-/// What one scan has touched.
-#[derive(Clone, Debug, Default)]
-pub(crate) struct Marks {
-    tiles: Hashed<TileMarks>,
-    /// Which tiles this scan has touched; the others wait, empty, for a later one.
-    touched: Vec<usize>,
-    /// The tile asked for last.
-    recent: Option<(TileId, usize)>,
-    /// The colour of the first point in each voxel that was hit.
-    colored: Vec<(VoxelKey, PackedColor)>,
-    ends: Vec<VoxelKey>,
-}
-
-#[derive(Clone, Debug)]
-struct TileMarks {
-    id: TileId,
-    directory: Directory,
-    blocks: Vec<(u16, BlockMarks)>,
-}
-
-#[derive(Clone, Debug)]
-struct BlockMarks {
-    /// Crossed by a ray.
-    free: Mask,
-    /// With a point in it.
-    hit: Mask,
-    /// With the end of a ray in it, which is a point or the limit of the range.
-    end: Mask,
-}
-
-impl OfTile for TileMarks {
-    fn new(id: TileId) -> Self {
-        Self {
-            id,
-            directory: Directory::new(),
-            blocks: Vec::new(),
+    /// Changes what is kept of a voxel, if it is occupied.
+    fn see(&mut self, key: VoxelKey, change: impl FnOnce(&mut Surface)) {
+        let at = block_index(key);
+        let tile = self.tile_mut(TileId::of(key));
+        if tile.block(at).is_none() {
+            return; // outside of the box that is updated
         }
-    }
-}
-
-impl Marks {
-    /// Marks every voxel in which a ray of the scan ends and every voxel that one crosses.
-    fn gather(&mut self, scan: &Scan<'_>, per_m: f64) {
-        let reach = scan.max_range_m.max(0.0); // no NaN
-        let mut ends = std::mem::take(&mut self.ends);
-        for (index, hit) in scan.hits.iter().enumerate() {
-            let ray = *hit - scan.origin;
-            let squared = ray.raw.norm_squared();
-            if !squared.is_finite() {
-                continue;
-            }
-            let beyond = squared > reach * reach;
-            let end = if beyond {
-                scan.origin + ray * (reach / squared.sqrt())
-            } else {
-                *hit
+        tile.edit(at, |block| {
+            let Some(surface) = block.surface_mut(voxel_index(key)) else {
+                return false;
             };
-            let key = key_at(end, per_m);
-            if !key.is_in_world() {
-                continue;
-            }
-            let voxel = voxel_index(key);
-            let marks = self.block_mut(TileId::of(key), block_index(key));
-            if put(&mut marks.end, voxel) {
-                ends.push(key);
-            }
-            if !beyond && put(&mut marks.hit, voxel) {
-                let color = scan.colors.get(index).map(|c| (key, (*c).into()));
-                self.colored.extend(color);
-            }
-        }
-        let start = Start {
-            key: key_at(scan.origin, per_m),
-            at: (scan.origin.raw.coords * per_m).into(),
+            let before = *surface;
+            change(surface);
+            !before.is_same(*surface)
+        });
+    }
+}
+
+/// What a scan does to blocks.
+struct Update {
+    seen: PackedSeen,
+    noise: Noise,
+    origin: Point<World>,
+    resolution_m: f64,
+    /// The least and the greatest voxel that may be updated.
+    within: Option<[VoxelKey; 2]>,
+}
+
+impl Update {
+    fn new(scan: &Scan<'_>, resolution_m: f64) -> Self {
+        let seen = Seen {
+            at: scan.at,
+            sources: scan.source,
         };
-        for &end in &ends {
-            self.mark_ray(&start, end);
+        Self {
+            seen: seen.into(),
+            noise: scan.noise,
+            origin: scan.origin,
+            resolution_m,
+            within: scan
+                .within
+                .map(|corners| corners.map(|corner| key_at(corner, 1.0 / resolution_m))),
         }
-        ends.clear();
-        self.ends = ends;
     }
 
-    /// Marks the voxels from the one at the start, included, to the one at the end, excluded.
-    ///
-    /// Positions along the ray count from 0 at the start to 1 at the centre of the end. The sum of the steps along each
-    /// axis is known beforehand; rounding cannot change which those are, as the end is half a voxel from any border.
-    fn mark_ray(&mut self, start: &Start, end: VoxelKey) {
-        let from = [start.key.x, start.key.y, start.key.z];
-        let to = [end.x, end.y, end.z];
-        let ray: [f64; 3] = std::array::from_fn(|i| f64::from(to[i]) + 0.5 - start.at[i]);
-        let step = ray.map(|c| if c > 0.0 { 1 } else { -1 });
-        let delta = ray.map(|c| 1.0 / c.abs());
-        let [mut next_x, mut next_y, mut next_z] = std::array::from_fn(|i| {
-            let border = f64::from(from[i] + i32::from(step[i] > 0));
-            if ray[i] == 0.0 {
-                f64::INFINITY
-            } else {
-                (border - start.at[i]) / ray[i]
-            }
-        });
-        let mut remaining: u32 = (0..3).map(|i| to[i].abs_diff(from[i])).sum();
-        let [mut x, mut y, mut z] = from;
-        while remaining > 0 {
-            let key = VoxelKey::new(x, y, z);
-            let marks = self.block_mut(TileId::of(key), block_index(key));
-            loop {
-                marks.free[(z & 7) as usize] |= 1 << ((y & 7) << 3 | x & 7);
-                remaining -= 1;
-                let (was, is) = if next_x < next_y && next_x < next_z {
-                    next_x += delta[0];
-                    x += step[0];
-                    (x - step[0], x)
-                } else if next_y < next_z {
-                    next_y += delta[1];
-                    y += step[1];
-                    (y - step[1], y)
-                } else {
-                    next_z += delta[2];
-                    z += step[2];
-                    (z - step[2], z)
-                };
-                let left_the_block = (was ^ is) & !7 != 0;
-                if left_the_block || remaining == 0 {
-                    break;
+    fn tile(&self, node: &mut TileNode, parts: &[Gathered]) {
+        let id = node.id;
+        for (i, part) in parts.iter().enumerate() {
+            for (at, free) in part.free_of(id) {
+                // Blocks are updated with the first part that has them.
+                if parts[..i].iter().any(|p| p.free_in(id, at).is_some()) {
+                    continue;
                 }
+                let mut free = *free;
+                let mut hit = NONE;
+                for other in &parts[i..] {
+                    join(&mut free, other.free_in(id, at));
+                    join(&mut hit, other.hit_in(id, at));
+                }
+                let corner = block_corner(id, at);
+                if let Some(within) = self.within {
+                    let inside = inside(corner, within);
+                    for z in 0..inside.len() {
+                        free[z] &= inside[z];
+                        hit[z] &= inside[z];
+                    }
+                }
+                if free == NONE && hit == NONE {
+                    continue;
+                }
+                node.edit(at, |block| self.block(block, corner, [&free, &hit]));
             }
         }
     }
 
-    fn block_mut(&mut self, tile: TileId, block: u16) -> &mut BlockMarks {
-        let position = match self.recent {
-            Some((recent, position)) if recent == tile => position,
-            _ => self.enter(tile),
+    fn block(&self, block: &mut Block, corner: VoxelKey, [free, hit]: [&Mask; 2]) -> bool {
+        let weights = if self.noise == Noise::NONE {
+            noise::Weights::FULL
+        } else {
+            let middle = [corner.x, corner.y, corner.z].map(|c| f64::from(c) + 4.0);
+            let middle = nalgebra::Point3::from(middle) * self.resolution_m;
+            let range_m = (middle - self.origin.raw).norm();
+            self.noise.weights(range_m, self.resolution_m)
         };
-        self.tiles.at_mut(position).block_mut(block)
-    }
-
-    fn enter(&mut self, tile: TileId) -> usize {
-        let position = self.tiles.position(tile);
-        if self.tiles.at(position).blocks.is_empty() {
-            self.touched.push(position);
-        }
-        self.recent = Some((tile, position));
-        position
-    }
-
-    /// Forgets the scan but keeps the memory for the next, unless most of it lies where the sensor no longer is.
-    fn clear(&mut self) {
-        if self.tiles.values().count() > 16 + 2 * self.touched.len() {
-            *self = Self::default();
-            return;
-        }
-        for position in self.touched.drain(..) {
-            let tile = self.tiles.at_mut(position);
-            for (block, _) in tile.blocks.drain(..) {
-                tile.directory.clear(block);
-            }
-        }
-        self.recent = None;
-        self.colored.clear();
+        block.update(free, hit, [weights.miss, weights.hit], self.seen)
     }
 }
 
-impl TileMarks {
-    fn block_mut(&mut self, block: u16) -> &mut BlockMarks {
-        let slot = self.directory.get(block).unwrap_or_else(|| {
-            let slot = self.blocks.len();
-            self.blocks.push((block, BlockMarks::EMPTY));
-            self.directory.set(block, slot);
-            slot
-        });
-        &mut self.blocks[slot].1
+fn join(mask: &mut Mask, other: Option<&Mask>) {
+    for (word, other) in mask.iter_mut().zip(other.into_iter().flatten()) {
+        *word |= other;
     }
 }
 
-impl BlockMarks {
-    const EMPTY: Self = Self {
-        free: NONE,
-        hit: NONE,
-        end: NONE,
+/// The voxels of a block that are between two others, both inclusive.
+fn inside(corner: VoxelKey, [low, high]: [VoxelKey; 2]) -> Mask {
+    // The first and the one after the last within 0..=8 along an axis.
+    let range = |corner: i32, low: i32, high: i32| {
+        let from = low.saturating_sub(corner).clamp(0, 8);
+        let to = high.saturating_sub(corner).saturating_add(1).clamp(0, 8);
+        from..to
     };
+    let row = range(corner.x, low.x, high.x).fold(0_u64, |row, x| row | 1 << x);
+    let slice = range(corner.y, low.y, high.y).fold(0_u64, |slice, y| slice | row << (8 * y));
+    let mut mask = NONE;
+    for z in range(corner.z, low.z, high.z) {
+        mask[z as usize] = slice;
+    }
+    mask
 }
 
-/// Where the rays start: in voxels, and in which.
-struct Start {
-    at: [f64; 3],
-    key: VoxelKey,
+/// One class for each voxel: that of most of its points, the lowest of those that tie.
+fn majorities(mut points: Vec<(VoxelKey, ClassId)>) -> Vec<(VoxelKey, ClassId)> {
+    points.sort_unstable();
+    points
+        .chunk_by(|a, b| a.0 == b.0)
+        .filter_map(|voxel| {
+            let classes = voxel.chunk_by(|a, b| a.1 == b.1);
+            let most = classes.max_by_key(|same| (same.len(), std::cmp::Reverse(same[0].1)))?;
+            most.first().copied()
+        })
+        .collect()
 }
 
-/// Sets a bit; whether it was not set before.
-fn put(mask: &mut Mask, index: usize) -> bool {
-    let bit = 1 << (index % 64);
-    let word = &mut mask[index / 64];
-    let new = *word & bit == 0;
-    *word |= bit;
-    new
+/// The packed colour of a point.
+fn color_of(scan: &Scan<'_>, index: usize) -> Option<PackedColor> {
+    scan.colors.get(index).map(|color| (*color).into())
 }
+
+#[cfg(test)]
+mod tests;

@@ -9,8 +9,16 @@
 //! All five numbers are multiples of 0.05, so log-odds are integers in steps of 0.05 ([`LogOdds`]), and tiles and files
 //! hold them exactly.
 //!
+//! An occupied voxel has a surface, and the surface a colour, a class and a memory of when it was last seen and by whom
+//! ([`Seen`]). Free space remembers that too, but only for each slice of 8 × 8 × 1 voxels: the last time any free voxel of
+//! the slice was seen, and by which sources. Times are kept in steps of 1/32 s.
+//!
+//! Log-odds, colour and class are *content*: they make equal maps, digests and tile versions. When and by whom a voxel was
+//! seen is not: looking at the same thing again changes no tile, and nothing need be sent.
+//!
 //! Voxels live in blocks of 8³ with one bit a voxel for *known* and *occupied*; blocks hang in tiles of 16³ blocks; tiles
 //! are found by hashing. Nothing iterates in hash order: every sequence the map gives out is ordered by tile, block, voxel.
+//! A block takes 0.7 kB, and ten bytes more for each occupied voxel.
 //!
 //! The world is bounded to 2¹⁶ voxels along each axis, centred on the origin: the very space of an `OctoMap` file.
 //!
@@ -22,7 +30,7 @@
 //!
 //! let mut map = VoxelMap::new(0.1);
 //! let wall = [Point::new(2.0, 0.3, 1.0)];
-//! map.insert_scan(&Scan { origin: Point::new(0.0, 0.0, 1.5), hits: &wall, colors: &[], max_range_m: 30.0 });
+//! map.insert_scan(&Scan { max_range_m: 30.0, ..Scan::new(Point::new(0.0, 0.0, 1.5), &wall) });
 //! assert_eq!(map.occupancy(map.key_of(wall[0])), Occupancy::Occupied);
 //!
 //! // What changed travels as tiles to another map, which then is the same.
@@ -41,125 +49,26 @@
 
 pub(crate) mod block;
 mod cast;
+mod evict;
 pub(crate) mod grid;
+mod pyramid;
+pub(crate) mod surface;
+mod value;
 
+use std::collections::BTreeMap;
 use std::fmt;
 use std::ops::RangeInclusive;
 
 use xxhash_rust::xxh3::Xxh3Default;
 
 use crate::frame::{Point, World};
-use crate::scan::Marks;
+use crate::scan::Gathered;
 use crate::tile::{Tile, TileError, TileId};
 pub use cast::RayHit;
+pub use evict::RestoreError;
 use grid::{Hashed, TileNode};
-
-/// Where a voxel is: `floor(p / resolution)` along each axis of the world.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct VoxelKey {
-    /// Towards east.
-    pub x: i32,
-    /// Towards north.
-    pub y: i32,
-    /// Up.
-    pub z: i32,
-}
-
-impl VoxelKey {
-    /// The coordinates a key may have along each axis: those of an `OctoMap` file.
-    pub const RANGE: RangeInclusive<i32> = -32_768..=32_767;
-
-    /// The voxel at these coordinates.
-    pub const fn new(x: i32, y: i32, z: i32) -> Self {
-        Self { x, y, z }
-    }
-
-    /// Whether a map can hold it.
-    pub fn is_in_world(self) -> bool {
-        [self.x, self.y, self.z]
-            .iter()
-            .all(|c| Self::RANGE.contains(c))
-    }
-}
-
-/// A colour, in sRGB.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct Rgb(pub [u8; 3]);
-
-/// What is known of a place.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Occupancy {
-    /// No ray has come by.
-    Unknown,
-    /// Rays passed through.
-    Free,
-    /// Something is there.
-    Occupied,
-}
-
-/// The logarithm of the odds that a voxel is occupied, in steps of 0.05.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct LogOdds(pub i8);
-
-impl LogOdds {
-    /// What the end of a ray adds: probability 0.7.
-    pub const HIT: Self = Self(17);
-    /// What a passing ray adds: probability 0.4.
-    pub const MISS: Self = Self(-8);
-    /// The least it may be, so that a voxel can change its mind: probability 0.12.
-    pub const MIN: Self = Self(-40);
-    /// The most it may be: probability 0.97.
-    pub const MAX: Self = Self(70);
-    /// What one step is worth.
-    pub const STEP: f64 = 0.05;
-
-    /// The value itself.
-    pub fn value(self) -> f64 {
-        f64::from(self.0) * Self::STEP
-    }
-
-    /// The nearest to `value` that a voxel can hold; NaN gives even odds.
-    pub fn nearest(value: f64) -> Self {
-        let steps = (value / Self::STEP).round() as i8; // saturates; NaN becomes 0
-        Self(steps).clamped()
-    }
-
-    /// Within what a voxel can hold.
-    #[must_use]
-    pub fn clamped(self) -> Self {
-        self.clamp(Self::MIN, Self::MAX)
-    }
-
-    /// The probability of being occupied.
-    pub fn probability(self) -> f64 {
-        1.0 - 1.0 / (1.0 + self.value().exp())
-    }
-
-    /// Whether occupied is more likely than free; even odds count as free.
-    pub fn is_occupied(self) -> bool {
-        self.0 > 0
-    }
-}
-
-/// A known voxel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Voxel {
-    /// How likely it is occupied.
-    pub log_odds: LogOdds,
-    /// The colour of its surface, of which the map keeps five bits a channel; `None` where free or never seen in colour.
-    pub color: Option<Rgb>,
-}
-
-impl Voxel {
-    /// Free or occupied.
-    pub fn occupancy(self) -> Occupancy {
-        if self.log_odds.is_occupied() {
-            Occupancy::Occupied
-        } else {
-            Occupancy::Free
-        }
-    }
-}
+pub use pyramid::Cube;
+pub use value::{ClassId, LogOdds, Occupancy, Rgb, Seen, Sources, Voxel, VoxelKey};
 
 /// A hash of everything that is known: maps are equal if and only if (but for one chance in 2⁶⁴) their digests are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -177,8 +86,10 @@ impl fmt::Display for MapDigest {
 pub struct VoxelMap {
     resolution_m: f64,
     tiles: Hashed<TileNode>,
+    /// The tiles that were handed out, with their versions: what is here of them is not all.
+    away: BTreeMap<TileId, u64>,
     /// What the scan under way has touched; kept between scans for its memory only.
-    pub(crate) marks: Marks,
+    pub(crate) scratch: Vec<Gathered>,
 }
 
 impl VoxelMap {
@@ -198,7 +109,8 @@ impl VoxelMap {
         Self {
             resolution_m,
             tiles: Hashed::default(),
-            marks: Marks::default(),
+            away: BTreeMap::new(),
+            scratch: Vec::new(),
         }
     }
 
@@ -229,19 +141,32 @@ impl VoxelMap {
 
     /// Whether a voxel is unknown, free or occupied.
     pub fn occupancy(&self, key: VoxelKey) -> Occupancy {
-        self.voxel(key).map_or(Occupancy::Unknown, Voxel::occupancy)
+        self.tiles
+            .get(TileId::of(key))
+            .and_then(|tile| tile.block(grid::block_index(key)))
+            .map_or(Occupancy::Unknown, |block| {
+                block.occupancy(grid::voxel_index(key))
+            })
     }
 
-    /// Overwrites one voxel, its log-odds clamped; a free voxel keeps no colour. Does nothing outside of the world.
+    /// When a voxel was last seen, and by whom; `None` if it is unknown. Of a free voxel, the answer is that of its slice.
+    pub fn seen(&self, key: VoxelKey) -> Option<Seen> {
+        self.tiles
+            .get(TileId::of(key))?
+            .block(grid::block_index(key))?
+            .seen(grid::voxel_index(key))
+    }
+
+    /// Overwrites one voxel, its log-odds clamped; a free voxel keeps no colour and no class. When it was seen stays as it
+    /// was. Does nothing outside of the world.
     pub fn set_voxel(&mut self, key: VoxelKey, voxel: Voxel) {
         if !key.is_in_world() {
             return;
         }
         let tile = self.tiles.get_or_insert(TileId::of(key));
-        let changed = tile
-            .block_mut(grid::block_index(key))
-            .set(grid::voxel_index(key), voxel);
-        tile.note(changed);
+        tile.edit(grid::block_index(key), |block| {
+            block.set(grid::voxel_index(key), voxel)
+        });
         tile.commit();
     }
 
@@ -286,17 +211,22 @@ impl VoxelMap {
             .reduce(|(low, high), (l, h)| (least(low, l), greatest(high, h)))
     }
 
-    /// The tiles in which something is known, sorted.
+    /// The tiles in which something is known and none of which is away, sorted.
     pub fn tile_ids(&self) -> Vec<TileId> {
         self.sorted_tiles()
             .into_iter()
             .map(|tile| tile.id)
+            .filter(|id| !self.away.contains_key(id))
             .collect()
     }
 
-    /// A copy of what the map knows of a tile; its version counts the changes to it. `None` if that is nothing.
+    /// A copy of what the map knows of a tile; its version counts the changes to it. `None` if that is nothing,
+    /// or not all because the tile was handed out ([`Self::evict`]).
     pub fn tile(&self, id: TileId) -> Option<Tile> {
         let node = self.tiles.get(id)?;
+        if self.away.contains_key(&id) {
+            return None;
+        }
         let blocks: Vec<_> = node
             .blocks()
             .filter(|(_, block)| !block.is_unknown())
@@ -310,8 +240,18 @@ impl VoxelMap {
         })
     }
 
-    /// Replaces what the map knows of a tile, its version included.
+    /// Replaces what the map knows of a tile, its version included; one that was handed out is no longer away.
     pub fn set_tile(&mut self, tile: &Tile) -> Result<(), TileError> {
+        self.check(tile)?;
+        self.away.remove(&tile.id);
+        if !tile.blocks.is_empty() || self.tiles.get(tile.id).is_some() {
+            self.tiles.get_or_insert(tile.id).replace(tile);
+        }
+        Ok(())
+    }
+
+    /// Whether the map can hold a tile.
+    fn check(&self, tile: &Tile) -> Result<(), TileError> {
         if !tile.id.is_in_world() {
             return Err(TileError::OutsideWorld(tile.id));
         }
@@ -322,17 +262,16 @@ impl VoxelMap {
                 map_m: self.resolution_m,
             });
         }
-        if !tile.blocks.is_empty() || self.tiles.get(tile.id).is_some() {
-            self.tiles.get_or_insert(tile.id).replace(tile);
-        }
         Ok(())
     }
 
     /// The tiles that changed since this was last asked, sorted.
     pub fn take_changed_tiles(&mut self) -> Vec<TileId> {
+        let away = &self.away;
         let mut ids: Vec<_> = self
             .tiles
             .values_mut()
+            .filter(|tile| !away.contains_key(&tile.id))
             .filter_map(|tile| std::mem::take(&mut tile.changed).then_some(tile.id))
             .collect();
         ids.sort_unstable();
@@ -350,8 +289,17 @@ impl VoxelMap {
         MapDigest(hash.digest())
     }
 
+    /// Gives back the memory that insertion keeps from one scan to the next.
+    pub fn forget_scratch(&mut self) {
+        self.scratch = Vec::new();
+    }
+
     pub(crate) fn tiles(&self) -> &Hashed<TileNode> {
         &self.tiles
+    }
+
+    pub(crate) fn tiles_mut(&mut self) -> &mut Hashed<TileNode> {
+        &mut self.tiles
     }
 
     pub(crate) fn tile_mut(&mut self, id: TileId) -> &mut TileNode {

@@ -23,6 +23,20 @@ mod ffi {
         fn write_ot(self: Pin<&mut Referee>, path: &str) -> bool;
         fn write_bt(self: Pin<&mut Referee>, path: &str) -> bool;
         fn insert_scan(self: Pin<&mut Referee>, points: &[f64], x: f64, y: f64, z: f64);
+        fn set_cloud(self: Pin<&mut Referee>, points: &[f32]);
+        fn insert_cloud(self: Pin<&mut Referee>, origin: &[f32; 3], max_range: f64, mode: u8);
+        fn update_inner(self: Pin<&mut Referee>);
+        fn count_occupied(&self, keys: &[i32]) -> usize;
+        fn occupancies(&self, keys: &[i32], states: &mut [u8]);
+        fn cast_rays(
+            &self,
+            origin: &[f32; 3],
+            directions: &[f32],
+            max_range: f64,
+            distances: &mut [f32],
+        );
+        fn heap_bytes() -> usize;
+        fn trim_heap();
     }
 }
 
@@ -76,6 +90,34 @@ impl Referee {
         }
     }
 
+    /// What is known of many voxels, given by their coordinates, three a voxel.
+    pub fn occupancies(&self, keys: &[i32]) -> Vec<Occupancy> {
+        let mut states = vec![0; keys.len() / 3];
+        self.0.occupancies(keys, &mut states);
+        states
+            .into_iter()
+            .map(|state| match state {
+                0 => Occupancy::Unknown,
+                1 => Occupancy::Free,
+                _ => Occupancy::Occupied,
+            })
+            .collect()
+    }
+
+    /// How many of these voxels are occupied, given by their coordinates, three a voxel.
+    pub fn count_occupied(&self, keys: &[i32]) -> usize {
+        self.0.count_occupied(keys)
+    }
+
+    /// How far rays from one point get, in metres to the centre of the voxel that stops them; negative if nothing does.
+    /// Directions have three components a ray.
+    pub fn cast_rays(&self, origin: [f32; 3], directions: &[f32], max_range_m: f64) -> Vec<f32> {
+        let mut distances = vec![-1.0; directions.len() / 3];
+        self.0
+            .cast_rays(&origin, directions, max_range_m, &mut distances);
+        distances
+    }
+
     /// Writes a `.ot` file.
     pub fn write_ot(&mut self, path: &Path) -> Result<(), Refused> {
         let written = self.0.pin_mut().write_ot(&path.to_string_lossy());
@@ -101,4 +143,45 @@ impl Referee {
         let [x, y, z] = origin.raw.coords.into();
         self.0.pin_mut().insert_scan(&points, x, y, z);
     }
+
+    /// Hands over points, three coordinates each, for [`Self::insert_cloud`].
+    pub fn set_cloud(&mut self, points: &[f32]) {
+        self.0.pin_mut().set_cloud(points);
+    }
+
+    /// `insertPointCloud` of the points handed over before.
+    pub fn insert_cloud(&mut self, origin: [f32; 3], max_range_m: f64, mode: Insertion) {
+        let mode = match mode {
+            Insertion::Plain => 0,
+            Insertion::Discretized => 1,
+            Insertion::DiscretizedLazy => 3,
+        };
+        self.0.pin_mut().insert_cloud(&origin, max_range_m, mode);
+    }
+
+    /// Makes the inner nodes right again after lazy insertion.
+    pub fn update_inner(&mut self) {
+        self.0.pin_mut().update_inner();
+    }
+}
+
+/// How liboctomap inserts a cloud.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Insertion {
+    /// One ray for each point.
+    Plain,
+    /// One ray for each voxel in which there are points.
+    Discretized,
+    /// The same, and inner nodes are left alone until [`Referee::update_inner`].
+    DiscretizedLazy,
+}
+
+/// What malloc has handed out to the process, C++ and Rust, with its own overhead.
+pub fn heap_bytes() -> usize {
+    ffi::heap_bytes()
+}
+
+/// Gives back to the system what malloc keeps for later.
+pub fn trim_heap() {
+    ffi::trim_heap();
 }

@@ -93,6 +93,7 @@ pub(crate) trait OfTile {
 pub(crate) struct Hashed<T> {
     index: HashMap<TileId, u32, BuildHasherDefault<TileHasher>>,
     values: Vec<T>,
+    bounds: Option<[TileId; 2]>,
 }
 
 impl<T> Default for Hashed<T> {
@@ -100,7 +101,22 @@ impl<T> Default for Hashed<T> {
         Self {
             index: HashMap::default(),
             values: Vec::new(),
+            bounds: None,
         }
+    }
+}
+
+impl Hashed<TileNode> {
+    /// Takes out what belongs to a tile.
+    pub(crate) fn remove(&mut self, id: TileId) -> Option<TileNode> {
+        let at = self.index.remove(&id)?;
+        let node = self.values.swap_remove(at as usize);
+        if let Some(moved) = self.values.get(at as usize) {
+            self.index.insert(moved.id, at);
+        }
+        let ids = self.values.iter().map(|node| node.id);
+        self.bounds = ids.fold(None, |bounds, id| Some(grown(bounds, id)));
+        Some(node)
     }
 }
 
@@ -114,8 +130,27 @@ impl<T: OfTile> Hashed<T> {
         let at = *self.index.entry(id).or_insert(next as u32) as usize;
         if at == next {
             self.values.push(T::new(id));
+            self.bounds = Some(grown(self.bounds, id));
         }
         at
+    }
+
+    /// The least and the greatest coordinates of all that is here.
+    pub(crate) fn bounds(&self) -> Option<[TileId; 2]> {
+        self.bounds
+    }
+
+    /// Those of these tiles, new ones where there are none yet; in no particular order.
+    pub(crate) fn many_mut(&mut self, ids: &[TileId]) -> Vec<&mut T> {
+        let mut positions: Vec<_> = ids.iter().map(|id| self.position(*id)).collect();
+        positions.sort_unstable();
+        let mut wanted = positions.into_iter().peekable();
+        self.values
+            .iter_mut()
+            .enumerate()
+            .filter(|(at, _)| wanted.next_if_eq(at).is_some())
+            .map(|(_, value)| value)
+            .collect()
     }
 
     pub(crate) fn get_or_insert(&mut self, id: TileId) -> &mut T {
@@ -138,6 +173,17 @@ impl<T: OfTile> Hashed<T> {
     pub(crate) fn values_mut(&mut self) -> impl Iterator<Item = &mut T> {
         self.values.iter_mut()
     }
+}
+
+/// Bounds that hold one tile more.
+fn grown(bounds: Option<[TileId; 2]>, id: TileId) -> [TileId; 2] {
+    let [low, high] = bounds.unwrap_or([id, id]);
+    let of = |pick: fn(i32, i32) -> i32, a: TileId| TileId {
+        x: pick(a.x, id.x),
+        y: pick(a.y, id.y),
+        z: pick(a.z, id.z),
+    };
+    [of(i32::min, low), of(i32::max, high)]
 }
 
 /// A multiplicative hash of three small integers: the table is asked for each tile a ray enters.
@@ -202,6 +248,8 @@ pub(crate) struct TileNode {
     dirty: bool,
     directory: Directory,
     blocks: Vec<Block>,
+    /// A bit for each block, by its place: whether a voxel in it is occupied. Rays skip the others.
+    occupied: Box<[u64; BLOCKS / 64]>,
 }
 
 impl OfTile for TileNode {
@@ -213,6 +261,7 @@ impl OfTile for TileNode {
             dirty: false,
             directory: Directory::new(),
             blocks: Vec::new(),
+            occupied: Box::new([0; BLOCKS / 64]),
         }
     }
 }
@@ -229,8 +278,32 @@ impl TileNode {
         self.directory.get(at).map(|slot| &self.blocks[slot])
     }
 
-    pub(crate) fn block_mut(&mut self, at: u16) -> &mut Block {
-        let slot = self.directory.get(at).unwrap_or_else(|| {
+    /// Whether a voxel of this block is occupied.
+    pub(crate) fn has_occupied(&self, at: u16) -> bool {
+        self.occupied[usize::from(at >> 6)] >> (at & 63) & 1 == 1
+    }
+
+    /// Whether any voxel of the tile is.
+    pub(crate) fn is_any_occupied(&self) -> bool {
+        self.occupied.iter().any(|word| *word != 0)
+    }
+
+    /// Changes a block, which says whether its content changed, and notes that for the next version.
+    pub(crate) fn edit(&mut self, at: u16, change: impl FnOnce(&mut Block) -> bool) {
+        let slot = self.slot(at);
+        let block = &mut self.blocks[slot];
+        self.dirty |= change(block);
+        let bit = 1 << (at & 63);
+        let word = &mut self.occupied[usize::from(at >> 6)];
+        if block.is_any_occupied() {
+            *word |= bit;
+        } else {
+            *word &= !bit;
+        }
+    }
+
+    fn slot(&mut self, at: u16) -> usize {
+        self.directory.get(at).unwrap_or_else(|| {
             let slot = self.blocks.len();
             if slot == self.blocks.capacity() {
                 // Doubling would waste a third of the memory of a map.
@@ -239,13 +312,7 @@ impl TileNode {
             self.blocks.push(Block::UNKNOWN);
             self.directory.set(at, slot);
             slot
-        });
-        &mut self.blocks[slot]
-    }
-
-    /// Notes that something changed, or nothing.
-    pub(crate) fn note(&mut self, changed: bool) {
-        self.dirty |= changed;
+        })
     }
 
     /// Makes all that was noted one new version.
@@ -267,8 +334,12 @@ impl TileNode {
         self.changed = true;
         self.directory = Directory::new();
         self.blocks = Vec::with_capacity(tile.blocks.len());
+        *self.occupied = [0; BLOCKS / 64];
         for (at, block) in &tile.blocks {
-            *self.block_mut(*at) = block.clone();
+            self.edit(*at, |place| {
+                *place = block.clone();
+                false
+            });
         }
     }
 }
