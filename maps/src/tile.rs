@@ -1,16 +1,26 @@
 //! Tiles: cubes of 128³ voxels of a map, which travel, are stored and are compared on their own.
 //!
 //! A tile carries a version that its sender counts up with every change, so that a receiver keeps the newest whatever the
-//! order of arrival. [`Tile::encode`] compresses it for thin links.
+//! order of arrival. [`Tile::encode`] compresses it for thin links, [`Tile::encode_as`] with less or more detail, and
+//! [`Tile::encode_change`] against a version that the receiver has.
 
 mod codec;
-mod model;
+mod detail;
+mod field;
+mod header;
+mod mixer;
 mod range_coder;
+mod sightings;
+mod states;
+mod surfaces;
+mod values;
 
 use std::fmt;
 
 use crate::voxel::block::Block;
 use crate::voxel::{Seen, Voxel, VoxelKey, grid};
+pub use detail::Detail;
+pub use header::TileHeader;
 
 /// Which tile: the key of any of its voxels, shifted right by 7 bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -64,21 +74,48 @@ pub enum TileError {
     /// Cut off.
     #[error("the tile ends within its header")]
     TooShort,
-    /// Written by a newer program.
-    #[error("the tile has format {found}, this program reads format {newest}")]
+    /// Written by a newer program, or by one before the first release.
+    #[error("the tile has format {found}, this program reads format {known}")]
     OtherFormat {
         /// The tile's.
         found: u8,
-        /// The newest that is understood.
-        newest: u8,
+        /// The one that is understood.
+        known: u8,
     },
-    /// Written by a newer program.
-    #[error("the tile is compressed by codec {found}, this program knows codec {newest}")]
+    /// Written by a newer program, or by one before the first release.
+    #[error("the tile is compressed by codec {found}, this program knows codec {known}")]
     OtherCodec {
         /// The tile's.
         found: u8,
-        /// The newest that is understood.
-        newest: u8,
+        /// The one that is understood.
+        known: u8,
+    },
+    /// Written by a newer program.
+    #[error("the tile has content of kind {0}, this program knows kinds 0 to 7")]
+    OtherContent(u8),
+    /// It is a change of a version, and none was given.
+    #[error(
+        "tile {id} is a change of version {} with digest {:016x}: have that version, or ask for a whole tile",
+        needed.version, needed.digest
+    )]
+    NeedsBase {
+        /// The tile.
+        id: TileId,
+        /// The version it is a change of.
+        needed: Base,
+    },
+    /// It is a change of another version than the one given.
+    #[error(
+        "tile {id} is a change of version {} with digest {:016x}, not of version {} with digest {:016x}: ask for a whole tile",
+        needed.version, needed.digest, given.version, given.digest
+    )]
+    OtherBase {
+        /// The tile.
+        id: TileId,
+        /// The version it is a change of.
+        needed: Base,
+        /// What was given.
+        given: Base,
     },
     /// Bits have changed on the way.
     #[error("the tile is damaged: checksum {computed:08x}, header says {stored:08x}")]
@@ -114,6 +151,15 @@ pub enum TileError {
     },
 }
 
+/// A version of a tile that another is a change of.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Base {
+    /// Its version.
+    pub version: u64,
+    /// The hash of what it tells at the detail of the change.
+    pub digest: u64,
+}
+
 /// What a map knows of one cube of 128³ voxels.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Tile {
@@ -143,7 +189,7 @@ impl Tile {
         self.block_of(key)?.voxel(grid::voxel_index(key))
     }
 
-    /// When and by whom a voxel was seen, as [`crate::voxel::VoxelMap::seen`]; not told by tiles that were decoded.
+    /// When and by whom a voxel was seen, as [`crate::voxel::VoxelMap::seen`]; only [`Detail::Sightings`] carries it.
     pub fn seen(&self, key: VoxelKey) -> Option<Seen> {
         self.block_of(key)?.seen(grid::voxel_index(key))
     }

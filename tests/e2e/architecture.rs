@@ -7,6 +7,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("maps", &[]),
     ("geodesy", &["maps"]),
     ("octomap", &["maps"]),
+    ("store", &["maps"]),
     ("mavlink_ext", &["maps"]),
     ("slam", &["maps"]),
     ("sensors", &["maps"]),
@@ -16,6 +17,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "maps",
             "geodesy",
             "octomap",
+            "store",
             "mavlink_ext",
             "slam",
             "sensors",
@@ -23,7 +25,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ),
     (
         "groundstation",
-        &["maps", "geodesy", "octomap", "mavlink_ext"],
+        &["maps", "geodesy", "octomap", "store", "mavlink_ext"],
     ),
     ("sitl", &["maps", "mavlink_ext", "sensors"]),
 ];

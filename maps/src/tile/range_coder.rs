@@ -43,17 +43,20 @@ impl Bit {
         self.one = (i32::from(self.one) + step) as u16;
         self.seen = (self.seen + 1).min(Self::LIMIT);
     }
-
-    /// The part of the range that stands for a one.
-    fn split(self, range: u32) -> u32 {
-        (range >> PRECISION) * u32::from(self.one)
-    }
 }
 
 /// Either direction, so that one model serves both: an encoder writes the bit it is given and gives it back, a decoder
 /// ignores it and gives the one it reads.
 pub(super) trait Coder {
-    fn bit(&mut self, context: &mut Bit, bit: bool) -> bool;
+    /// A bit that is one with probability `one` / 65536, which must be neither 0 nor 1.
+    fn code(&mut self, one: u16, bit: bool) -> bool;
+
+    /// A bit of which its context tells the probability.
+    fn bit(&mut self, context: &mut Bit, bit: bool) -> bool {
+        let bit = self.code(context.one, bit);
+        context.learn(bit);
+        bit
+    }
 
     /// Whether more was asked for than there is.
     fn is_exhausted(&self) -> bool;
@@ -67,6 +70,11 @@ pub(super) trait Coder {
         }
         (node - (1 << bits)) as u8
     }
+}
+
+/// The part of the range that stands for a one.
+fn split(range: u32, one: u16) -> u32 {
+    (range >> PRECISION) * u32::from(one)
 }
 
 /// Bits to bytes.
@@ -111,8 +119,8 @@ impl Encoder {
 }
 
 impl Coder for Encoder {
-    fn bit(&mut self, context: &mut Bit, bit: bool) -> bool {
-        let split = context.split(self.range);
+    fn code(&mut self, one: u16, bit: bool) -> bool {
+        let split = split(self.range, one);
         if bit {
             self.range = split;
         } else {
@@ -123,7 +131,6 @@ impl Coder for Encoder {
             self.shift();
             self.range <<= 8;
         }
-        context.learn(bit);
         bit
     }
 
@@ -169,8 +176,8 @@ impl<'a> Decoder<'a> {
 }
 
 impl Coder for Decoder<'_> {
-    fn bit(&mut self, context: &mut Bit, _: bool) -> bool {
-        let split = context.split(self.range);
+    fn code(&mut self, one: u16, _: bool) -> bool {
+        let split = split(self.range, one);
         let bit = self.code < split;
         if bit {
             self.range = split;
@@ -183,7 +190,6 @@ impl Coder for Decoder<'_> {
             self.shift();
             self.range <<= 8;
         }
-        context.learn(bit);
         bit
     }
 

@@ -48,10 +48,10 @@ impl Block {
         surfaces: Vec::new(),
     };
 
-    /// The block of these voxels; a colour counts where its voxel is occupied.
+    /// The block of these voxels, of which the occupied ones have the surface that `surface` gives for their index.
     pub(crate) fn from_voxels(
         log_odds: &[Option<LogOdds>; VOLUME],
-        colors: &[PackedColor; VOLUME],
+        surface: impl FnMut(usize) -> Surface,
     ) -> Self {
         let mut block = Self::UNKNOWN;
         for (index, log_odds) in log_odds.iter().enumerate() {
@@ -61,10 +61,26 @@ impl Block {
                 put(&mut block.occupied, index, log_odds.is_occupied());
             }
         }
-        block.surfaces = ones(&block.occupied)
-            .map(|index| Surface::new(colors[index], ClassId::NONE))
-            .collect();
+        block.surfaces = ones(&block.occupied).map(surface).collect();
         block
+    }
+
+    /// When the free voxels of each slice were seen, for the codec of tiles.
+    pub(crate) fn slices_seen(&self) -> &[PackedSeen; EDGE] {
+        &self.free_seen
+    }
+
+    pub(crate) fn slices_seen_mut(&mut self) -> &mut [PackedSeen; EDGE] {
+        &mut self.free_seen
+    }
+
+    /// One for each occupied voxel, in order.
+    pub(crate) fn surfaces(&self) -> &[Surface] {
+        &self.surfaces
+    }
+
+    pub(crate) fn surfaces_mut(&mut self) -> &mut [Surface] {
+        &mut self.surfaces
     }
 
     pub(crate) fn is_colored(&self) -> bool {
@@ -127,11 +143,6 @@ impl Block {
 
     pub(crate) fn surface_mut(&mut self, index: usize) -> Option<&mut Surface> {
         has(&self.occupied, index).then(|| &mut self.surfaces[rank(&self.occupied, index)])
-    }
-
-    pub(crate) fn color(&self, index: usize) -> PackedColor {
-        self.surface(index)
-            .map_or(PackedColor::NONE, |surface| surface.color)
     }
 
     pub(crate) fn voxel(&self, index: usize) -> Option<Voxel> {

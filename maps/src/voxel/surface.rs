@@ -84,6 +84,22 @@ impl PackedSeen {
         }
     }
 
+    /// The ticks below the sources.
+    pub(crate) fn to_bits(self) -> u64 {
+        self.ticks() | u64::from(self.sources) << 40
+    }
+
+    /// `None` unless something gives these bits.
+    pub(crate) fn from_bits(bits: u64) -> Option<Self> {
+        let [a, b, c, d, e, sources, 0, 0] = bits.to_le_bytes() else {
+            return None;
+        };
+        (Sources::from_bits(sources).bits() == sources).then_some(Self {
+            sources,
+            ticks: [a, b, c, d, e],
+        })
+    }
+
     fn ticks(self) -> u64 {
         let [a, b, c, d, e] = self.ticks;
         u64::from_le_bytes([a, b, c, d, e, 0, 0, 0])
