@@ -344,8 +344,8 @@ impl<R: BufRead> Tree<R> {
             });
         }
         let voxel = Voxel {
-            log_odds: content.log_odds,
             color: content.color,
+            ..Voxel::new(content.log_odds)
         };
         let edge = 1 << levels;
         for dz in 0..edge {

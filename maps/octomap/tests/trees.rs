@@ -53,8 +53,8 @@ fn any_map() -> impl Strategy<Value = VoxelMap> {
 
 fn voxel((steps, color): Given) -> Voxel {
     Voxel {
-        log_odds: LogOdds(steps),
         color: color.map(Rgb),
+        ..Voxel::new(LogOdds(steps))
     }
 }
 
