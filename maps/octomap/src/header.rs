@@ -115,7 +115,7 @@ impl Header {
         let resolution_m = resolution
             .parse()
             .ok()
-            .filter(is_resolution)
+            .filter(|m| is_resolution(*m))
             .ok_or_else(|| ReadError::BadResolution {
                 found: resolution.chars().take(64).collect(),
             })?;
@@ -139,7 +139,7 @@ impl Header {
         let mut nodes = [0; 4];
         from.read_exact(&mut nodes)?;
         let resolution_m = f64::from_le_bytes(resolution);
-        if !is_resolution(&resolution_m) {
+        if !is_resolution(resolution_m) {
             return Err(ReadError::BadResolution {
                 found: resolution_m.to_string(),
             });
@@ -153,8 +153,8 @@ impl Header {
     }
 }
 
-fn is_resolution(m: &f64) -> bool {
-    VoxelMap::RESOLUTION_M.contains(m)
+fn is_resolution(m: f64) -> bool {
+    VoxelMap::RESOLUTION_M.contains(&m)
 }
 
 struct Lines<R> {

@@ -8,7 +8,7 @@ namespace tandem {
 
 namespace {
 
-octomap::OcTreeKey key_of(const std::array<std::uint16_t, 3> &key) {
+octomap::OcTreeKey key_of(std::array<std::uint16_t, 3> key) {
   return {key[0], key[1], key[2]};
 }
 
@@ -18,7 +18,7 @@ NodeReferee::NodeReferee(std::unique_ptr<octomap::OcTree> plain) : plain_(std::m
 
 NodeReferee::NodeReferee(std::unique_ptr<octomap::ColorOcTree> color) : color_(std::move(color)) {}
 
-void NodeReferee::set(const std::array<std::uint16_t, 3> &key, float log_odds) {
+void NodeReferee::set(std::array<std::uint16_t, 3> key, float log_odds) {
   if (plain_) {
     plain_->setNodeValue(key_of(key), log_odds, true);
   } else {
@@ -26,8 +26,8 @@ void NodeReferee::set(const std::array<std::uint16_t, 3> &key, float log_odds) {
   }
 }
 
-void NodeReferee::set_color(const std::array<std::uint16_t, 3> &key,
-                            const std::array<std::uint8_t, 3> &color) {
+void NodeReferee::set_color(std::array<std::uint16_t, 3> key,
+                            std::array<std::uint8_t, 3> color) {
   if (color_) {
     color_->setNodeColor(key_of(key), color[0], color[1], color[2]);
   }
@@ -36,7 +36,7 @@ void NodeReferee::set_color(const std::array<std::uint16_t, 3> &key,
 void NodeReferee::update_inner() {
   if (plain_) {
     plain_->updateInnerOccupancy();
-  } else {
+  } else if (color_->size() > 0) { // liboctomap 1.9 crashes on an empty ColorOcTree
     color_->updateInnerOccupancy();
   }
 }
@@ -53,12 +53,12 @@ std::size_t NodeReferee::nodes() const { return plain_ ? plain_->size() : color_
 
 bool NodeReferee::is_colored() const { return color_ != nullptr; }
 
-float NodeReferee::log_odds(const std::array<std::uint16_t, 3> &key) const {
+float NodeReferee::log_odds(std::array<std::uint16_t, 3> key) const {
   const octomap::OcTreeNode *node = plain_ ? plain_->search(key_of(key)) : color_->search(key_of(key));
   return node == nullptr ? std::numeric_limits<float>::quiet_NaN() : node->getLogOdds();
 }
 
-std::array<std::uint8_t, 3> NodeReferee::color(const std::array<std::uint16_t, 3> &key) const {
+std::array<std::uint8_t, 3> NodeReferee::color(std::array<std::uint16_t, 3> key) const {
   const octomap::ColorOcTreeNode *node = color_ ? color_->search(key_of(key)) : nullptr;
   if (node == nullptr) {
     return {255, 255, 255};

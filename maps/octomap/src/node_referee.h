@@ -18,16 +18,16 @@ public:
   explicit NodeReferee(std::unique_ptr<octomap::ColorOcTree> color);
 
   // Log-odds of a voxel that may be new; the tree is not pruned.
-  void set(const std::array<std::uint16_t, 3> &key, float log_odds);
-  void set_color(const std::array<std::uint16_t, 3> &key, const std::array<std::uint8_t, 3> &color);
+  void set(std::array<std::uint16_t, 3> key, float log_odds);
+  void set_color(std::array<std::uint16_t, 3> key, std::array<std::uint8_t, 3> color);
   void update_inner();
   void prune();
   std::size_t nodes() const;
   bool is_colored() const;
   // NaN if it is unknown.
-  float log_odds(const std::array<std::uint16_t, 3> &key) const;
+  float log_odds(std::array<std::uint16_t, 3> key) const;
   // White if it has none.
-  std::array<std::uint8_t, 3> color(const std::array<std::uint16_t, 3> &key) const;
+  std::array<std::uint8_t, 3> color(std::array<std::uint16_t, 3> key) const;
   bool write_ot(rust::Str path) const;
   bool write_bt(rust::Str path) const;
 

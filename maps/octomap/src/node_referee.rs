@@ -18,14 +18,14 @@ mod ffi {
         fn plain_nodes(resolution: f64) -> UniquePtr<NodeReferee>;
         fn colored_nodes(resolution: f64) -> UniquePtr<NodeReferee>;
         fn read_nodes(path: &str) -> Result<UniquePtr<NodeReferee>>;
-        fn set(self: Pin<&mut NodeReferee>, key: &[u16; 3], log_odds: f32);
-        fn set_color(self: Pin<&mut NodeReferee>, key: &[u16; 3], color: &[u8; 3]);
+        fn set(self: Pin<&mut NodeReferee>, key: [u16; 3], log_odds: f32);
+        fn set_color(self: Pin<&mut NodeReferee>, key: [u16; 3], color: [u8; 3]);
         fn update_inner(self: Pin<&mut NodeReferee>);
         fn prune(self: Pin<&mut NodeReferee>);
         fn nodes(&self) -> usize;
         fn is_colored(&self) -> bool;
-        fn log_odds(&self, key: &[u16; 3]) -> f32;
-        fn color(&self, key: &[u16; 3]) -> [u8; 3];
+        fn log_odds(&self, key: [u16; 3]) -> f32;
+        fn color(&self, key: [u16; 3]) -> [u8; 3];
         fn write_ot(&self, path: &str) -> bool;
         fn write_bt(&self, path: &str) -> bool;
     }
@@ -62,12 +62,12 @@ impl NodeReferee {
 
     /// Gives a voxel its log-odds.
     pub fn set(&mut self, key: VoxelKey, log_odds: f32) {
-        self.0.pin_mut().set(&its(key), log_odds);
+        self.0.pin_mut().set(its(key), log_odds);
     }
 
     /// Gives a known voxel its colour.
     pub fn set_color(&mut self, key: VoxelKey, color: [u8; 3]) {
-        self.0.pin_mut().set_color(&its(key), &color);
+        self.0.pin_mut().set_color(its(key), color);
     }
 
     /// Brings the inner nodes up to date.
@@ -82,13 +82,13 @@ impl NodeReferee {
 
     /// The log-odds of a voxel that is known.
     pub fn log_odds(&self, key: VoxelKey) -> Option<f32> {
-        let log_odds = self.0.log_odds(&its(key));
+        let log_odds = self.0.log_odds(its(key));
         (!log_odds.is_nan()).then_some(log_odds)
     }
 
     /// The colour of a voxel that has one.
     pub fn color(&self, key: VoxelKey) -> Option<[u8; 3]> {
-        let color = self.0.color(&its(key));
+        let color = self.0.color(its(key));
         (color != crate::NO_COLOR).then_some(color)
     }
 

@@ -1,89 +1,14 @@
 //! Reading `OctoMap` files, which may come from anyone: depth, memory, values and header are bounded.
 
-use std::io::{self, BufRead};
+use std::io::BufRead;
 
-use maps::voxel::{LogOdds, Rgb, Voxel, VoxelKey, VoxelMap};
+use maps::palette;
+use maps::voxel::{ClassId, LogOdds, Rgb, Voxel, VoxelKey, VoxelMap};
 
-use crate::header::{Format, Header, LONGEST_HEADER, TreeType};
+use crate::error::ReadError;
+use crate::header::{Format, Header, TreeType};
 use crate::memory::Memory;
 use crate::{DEPTH, NO_COLOR};
-
-/// Why an `OctoMap` file could not be read.
-#[derive(Debug, thiserror::Error)]
-pub enum ReadError {
-    /// The file itself; `UnexpectedEof` where it ends in the midst of the tree.
-    #[error("cannot read the file: {0}")]
-    Io(#[from] io::Error),
-    /// Another kind of file.
-    #[error("the file does not begin as an OctoMap .ot or .bt file does")]
-    NotOctomap,
-    /// A `.ot` file where a `.bt` file was expected, or the other way.
-    #[error("the file is an OctoMap file, but not of kind {expected}")]
-    OtherFormat {
-        /// The ending of the expected kind.
-        expected: &'static str,
-    },
-    /// A tree whose nodes are of unknown size.
-    #[error(
-        "the file holds a tree of type {found:?}, only OcTree, ColorOcTree and OcTreeStamped are understood"
-    )]
-    OtherTree {
-        /// What the header says.
-        found: String,
-    },
-    /// Missing, no number, or no resolution that a map can have.
-    #[error("the header gives the resolution as {found:?}, a map has 0.001 m to 100 m")]
-    BadResolution {
-        /// What it says.
-        found: String,
-    },
-    /// The header does not come to an end.
-    #[error("the header has no line \"data\" in its first {LONGEST_HEADER} bytes")]
-    NoData,
-    /// A node below the lowest level.
-    #[error("the tree is deeper than {DEPTH} levels at node {node}")]
-    TooDeep {
-        /// Counted from the root, which is 1.
-        node: u64,
-    },
-    /// Log-odds that are no number.
-    #[error("the log-odds of node {node} are not a number")]
-    NotANumber {
-        /// Counted from the root, which is 1.
-        node: u64,
-    },
-    /// A `.bt` file of which nodes are missing or too many, as far as its header knows. In a `.ot` file `OctoMap` does not mind.
-    #[error("the header announces {said} nodes, the tree has {found}")]
-    OtherCount {
-        /// By the header.
-        said: u64,
-        /// By the tree.
-        found: u64,
-    },
-    /// Its leaves stand for too much to hold.
-    #[error(
-        "the map would take more than {most_mib} MiB: a leaf {edge_m} m wide at node {node} stands for {voxels} voxels; \
-         read it {coarser} levels coarser or allow more memory"
-    )]
-    TooLarge {
-        /// What was allowed.
-        most_mib: u64,
-        /// The leaf that was too much, counted from the root, which is 1.
-        node: u64,
-        /// Its edge.
-        edge_m: f64,
-        /// The voxels that it stands for.
-        voxels: u64,
-        /// So many levels coarser, that leaf alone is not too much.
-        coarser: u32,
-    },
-    /// There are not so many levels.
-    #[error("a tree of {DEPTH} levels cannot be read {coarser} levels coarser")]
-    TooCoarse {
-        /// What was asked for.
-        coarser: u32,
-    },
-}
 
 /// How to read a file.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -91,6 +16,8 @@ pub struct ReadOptions {
     /// Levels to leave out at the bottom: each doubles the edge of a voxel, which is then as occupied as the most
     /// occupied leaf in it and of that leaf's colour. At most 15, and within [`VoxelMap::RESOLUTION_M`].
     pub coarser: u32,
+    /// What the colours of a `ColorOcTree` mean.
+    pub colors: Colors,
     /// The most memory, about, that the map may take.
     pub most_bytes: u64,
 }
@@ -99,9 +26,20 @@ impl Default for ReadOptions {
     fn default() -> Self {
         Self {
             coarser: 0,
+            colors: Colors::Surface,
             most_bytes: 2 << 30,
         }
     }
+}
+
+/// What the colours of a `ColorOcTree` mean. The file does not tell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Colors {
+    /// What a camera saw.
+    Surface,
+    /// The class of what is there, by [`maps::palette`]. Other colours, such as `OctoMap`'s averages where it pruned
+    /// different classes into one leaf, are no class.
+    Classes,
 }
 
 /// What was in a file.
@@ -115,12 +53,15 @@ pub struct Opened {
     pub nodes: u64,
     /// Leaves that stand for more than a voxel.
     pub pruned: u64,
+    /// Occupied voxels whose colour is no class, where colours were to mean classes.
+    pub unclassified: u64,
 }
 
 /// Reads a `.ot` or `.bt` file, whichever it is.
 ///
 /// Leaves above the lowest level become voxels; inner nodes tell nothing that their leaves do not. Log-odds are rounded to
-/// our steps of 0.05 and clamped, but what is occupied or free to `OctoMap` stays so; in a `.bt` file either is as sure as can be.
+/// our steps of 0.05 and clamped, but what is occupied or free to `OctoMap` stays so; in a `.bt` file either is as sure
+/// as can be.
 pub fn read(mut from: impl BufRead, options: &ReadOptions) -> Result<Opened, ReadError> {
     let header = Header::read(&mut from)?;
     read_nodes(from, header, options)
@@ -143,6 +84,7 @@ fn read_nodes(
             header,
             nodes: 0,
             pruned: 0,
+            unclassified: 0,
         },
         options: *options,
         lowest: DEPTH - options.coarser,
@@ -214,6 +156,23 @@ struct Content {
 }
 
 impl Content {
+    fn as_voxel(self, colors: Colors) -> Voxel {
+        let voxel = Voxel::new(self.log_odds);
+        match colors {
+            Colors::Surface => Voxel {
+                color: self.color,
+                ..voxel
+            },
+            Colors::Classes => Voxel {
+                class: self
+                    .color
+                    .and_then(palette::class_of)
+                    .unwrap_or(ClassId::NONE),
+                ..voxel
+            },
+        }
+    }
+
     const fn uncolored(log_odds: LogOdds) -> Self {
         Self {
             log_odds,
@@ -343,10 +302,14 @@ impl<R: BufRead> Tree<R> {
                     + Memory::levels_too_many(levels, self.options.most_bytes),
             });
         }
-        let voxel = Voxel {
-            color: content.color,
-            ..Voxel::new(content.log_odds)
-        };
+        let voxel = content.as_voxel(self.options.colors);
+        if self.options.colors == Colors::Classes
+            && content.color.is_some()
+            && voxel.log_odds.is_occupied()
+            && voxel.class == ClassId::NONE
+        {
+            self.opened.unclassified += 1 << (3 * levels);
+        }
         let edge = 1 << levels;
         for dz in 0..edge {
             for dy in 0..edge {

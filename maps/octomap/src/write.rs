@@ -1,8 +1,8 @@
 //! Writing `OctoMap` files.
 //!
-//! A tile is a node of the tree, at depth 9. Tiles are sorted by the path from the root to them, and the voxels of each likewise;
-//! a node is then one stretch of a list, and the tree need never exist, nor more than one tile's list at a time. A node
-//! whose eight children turn out equal leaves takes their bytes back and becomes a leaf itself.
+//! A tile is a node of the tree, at depth 9. Tiles are sorted by the path from the root to them, and the voxels of each
+//! likewise; a node is then one stretch of a list, and the tree need never exist, nor more than one tile's list at a
+//! time. A node whose eight children turn out equal leaves takes their bytes back and becomes a leaf itself.
 
 mod node;
 
@@ -21,8 +21,8 @@ pub struct Shape {
     /// Whether equal leaves are merged.
     pub pruning: Pruning,
     /// Levels to cut off at the bottom, at most 15: the least leaf is then 2 to this power voxels wide, as occupied as the
-    /// most occupied voxel in it, and of their average colour. The resolution in the header stays, as it does where
-    /// `OctoMap` prunes: readers that know nothing of the cut see larger cubes.
+    /// most occupied voxel in it, and of their average colour or most frequent class. The resolution in the header
+    /// stays, as it does where `OctoMap` prunes: readers that know nothing of the cut see larger cubes.
     pub cut_levels: u32,
 }
 
@@ -50,9 +50,12 @@ pub enum Pruning {
 pub enum Content {
     /// Nothing: an `OcTree`.
     Occupancy,
-    /// The colour that a camera saw: a `ColorOcTree`. Pure white means to `OctoMap` that there is no colour, so that is written
-    /// a shade darker.
+    /// The colour that a camera saw: a `ColorOcTree`. Pure white means to `OctoMap` that there is no colour, so that is
+    /// written a shade darker.
     Color,
+    /// Its class as the colour of [`maps::palette`]: a `ColorOcTree` too, which any viewer shows and
+    /// [`crate::Colors::Classes`] takes back. An inner node has the colour of the most frequent among its children.
+    Class,
 }
 
 /// Writes a `.ot` file: all known voxels with their log-odds, equal ones pruned, without colours.
@@ -75,6 +78,7 @@ pub fn write_ot_as(
     let kind = match content {
         Content::Occupancy => Kind::Full,
         Content::Color => Kind::Colored,
+        Content::Class => Kind::Classified,
     };
     write_file(map, Nodes::new(kind, shape), to)
 }
@@ -96,7 +100,7 @@ fn write_file(map: &VoxelMap, mut nodes: Nodes, mut to: impl Write) -> io::Resul
     }
     let (magic, tree) = match nodes.kind {
         Kind::Full => (OT_MAGIC, TreeType::Plain),
-        Kind::Colored => (OT_MAGIC, TreeType::Color),
+        Kind::Colored | Kind::Classified => (OT_MAGIC, TreeType::Color),
         Kind::Binary => (BT_MAGIC, TreeType::Plain),
     };
     let (size, resolution_m) = (nodes.count, map.resolution_m());
@@ -120,7 +124,7 @@ fn write_node<T: Below>(nodes: &mut Nodes, below: &[T], depth: u32) -> Said {
     for part in below.chunk_by(|a, b| child(a) == child(b)) {
         children[child(&part[0])] = Some(write_node(nodes, part, depth + 1));
     }
-    nodes.close(node, &children)
+    nodes.close(&node, &children)
 }
 
 /// What hangs in the tree.

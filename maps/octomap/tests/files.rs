@@ -250,7 +250,7 @@ fn hostile_files_are_refused_with_a_reason() {
     check(
         &file("size 1\nres 0.1\ndata\n", &[2, 0]),
         "the map would take more than 2048 MiB: a leaf 3276.8 m wide at node 2 stands for 35184372088832 voxels; read it \
-         6 levels coarser or allow more memory",
+         6 or more levels coarser, or allow more memory",
     );
     check(
         &file("size 1\nres 0.1\ndata\n", &[3; 64]),

@@ -5,10 +5,12 @@ use std::fs::{self, File};
 use std::io::BufReader;
 use std::path::Path;
 
-use maps::voxel::{LogOdds, Rgb, Voxel, VoxelKey, VoxelMap};
+use maps::palette;
+use maps::voxel::{ClassId, LogOdds, Rgb, Voxel, VoxelKey, VoxelMap};
 use octomap::node_referee::NodeReferee;
 use octomap::{
-    Content, Format, Opened, Pruning, ReadOptions, Shape, TreeType, read, write_bt_as, write_ot_as,
+    Colors, Content, Format, Opened, Pruning, ReadOptions, Shape, TreeType, read, write_bt_as,
+    write_ot_as,
 };
 use proptest::prelude::*;
 
@@ -203,6 +205,57 @@ proptest! {
     }
 }
 
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(40))]
+
+    #[test]
+    fn classes_travel_as_the_colours_of_the_palette(
+        voxels in prop::collection::btree_map(prop::array::uniform3(-9..9), (-40..=70_i8, 0..=255_u8), 1..150),
+        shape in any_shape()
+    ) {
+        let mut map = VoxelMap::new(0.1);
+        for ([x, y, z], (steps, class)) in &voxels {
+            let voxel = Voxel { class: ClassId(*class), ..Voxel::new(LogOdds(*steps)) };
+            map.set_voxel(VoxelKey::new(*x, *y, *z), voxel);
+        }
+        let folder = tempfile::tempdir().expect("a folder");
+        let path = folder.path().join("classes.ot");
+        write_ot_as(&map, Content::Class, shape, File::create(&path).expect("a file")).expect("written");
+        let judge = NodeReferee::read(&path).expect("liboctomap reads it");
+        for (key, voxel) in map.known() {
+            prop_assert_eq!(judge.color(key), palette::color_of(voxel.class).map(|c| c.0));
+        }
+        let options = ReadOptions { colors: Colors::Classes, ..ReadOptions::default() };
+        let back = opened(&path, &options);
+        prop_assert_eq!(back.map.digest(), map.digest());
+        prop_assert_eq!(back.unclassified, 0);
+        let as_colors = opened(&path, &ReadOptions::default()).map;
+        prop_assert!(as_colors.known().all(|(_, voxel)| voxel.class == ClassId::NONE), "only if asked");
+    }
+}
+
+#[test]
+fn colours_that_are_no_class_are_counted() {
+    let mut map = VoxelMap::new(0.1);
+    for (x, color) in [[128, 0, 0], [17, 200, 3], [99, 99, 99]]
+        .into_iter()
+        .enumerate()
+    {
+        map.set_voxel(VoxelKey::new(x as i32, 0, 0), voxel((70, Some(color))));
+    }
+    let mut file = Vec::new();
+    write_ot_as(&map, Content::Color, Shape::default(), &mut file).expect("written");
+    let options = ReadOptions {
+        colors: Colors::Classes,
+        ..ReadOptions::default()
+    };
+    assert_eq!(
+        read(&file[..], &options).expect("a file").unclassified,
+        3,
+        "five bits of red are not the palette's"
+    );
+}
+
 #[test]
 fn every_beginning_of_a_file_is_refused() {
     let mut map = VoxelMap::new(0.1);
@@ -309,7 +362,7 @@ fn a_leaf_high_in_the_tree_is_refused_and_read_when_coarser() {
     assert_eq!(
         error,
         "the map would take more than 2048 MiB: a leaf 1638.4 m wide at node 2 stands for 35184372088832 voxels; read it \
-         6 levels coarser or allow more memory"
+         6 or more levels coarser, or allow more memory"
     );
     let coarser = ReadOptions {
         coarser: 10,

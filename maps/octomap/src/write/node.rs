@@ -1,5 +1,6 @@
 //! Nodes as bytes: those below a node are known only after it, and may turn out not to be needed.
 
+use maps::palette;
 use maps::voxel::{LogOdds, Rgb, Voxel};
 
 use super::{Pruning, Shape};
@@ -12,6 +13,8 @@ pub(super) enum Kind {
     Full,
     /// Log-odds, a colour and a bit for each child.
     Colored,
+    /// Log-odds, the colour of a class and a bit for each child.
+    Classified,
     /// Two bits for each child, nothing for a leaf.
     Binary,
 }
@@ -20,15 +23,18 @@ impl Kind {
     /// What is said of a voxel.
     pub(super) fn said_of(self, voxel: Voxel) -> Said {
         let log_odds = match self {
-            Self::Full | Self::Colored => voxel.log_odds,
+            Self::Full | Self::Colored | Self::Classified => voxel.log_odds,
             Self::Binary if voxel.log_odds.is_occupied() => LogOdds::MAX,
             Self::Binary => LogOdds::MIN,
         };
-        let color = match (self, voxel.color) {
-            (Self::Colored, Some(Rgb(NO_COLOR))) => [254; 3],
-            (Self::Colored, Some(Rgb(color))) => color,
-            _ => NO_COLOR,
+        let color = match self {
+            Self::Full | Self::Binary => None,
+            Self::Colored => voxel
+                .color
+                .map(|Rgb(c)| if c == NO_COLOR { [254; 3] } else { c }),
+            Self::Classified => palette::color_of(voxel.class).map(|Rgb(c)| c),
         };
+        let color = color.unwrap_or(NO_COLOR);
         Said {
             log_odds,
             color,
@@ -40,7 +46,7 @@ impl Kind {
     fn size(self) -> usize {
         match self {
             Self::Full => 5,
-            Self::Colored => 8,
+            Self::Colored | Self::Classified => 8,
             Self::Binary => 2,
         }
     }
@@ -110,13 +116,13 @@ impl Nodes {
     }
 
     /// Fills in a node, of whose children there is at least one, or makes it a leaf.
-    pub(super) fn close(&mut self, node: Node, children: &[Option<Said>; 8]) -> Said {
-        if let Some(said) = self.as_leaf(&node, children) {
+    pub(super) fn close(&mut self, node: &Node, children: &[Option<Said>; 8]) -> Said {
+        if let Some(said) = self.as_leaf(node, children) {
             self.bytes.truncate(node.start);
             self.count = node.before;
             return self.leaf(said);
         }
-        let said = summary(children);
+        let said = self.summary(children);
         let head = self.head(said, children);
         let size = self.kind.size();
         self.bytes[node.start..][..size].copy_from_slice(&head[..size]);
@@ -126,7 +132,7 @@ impl Nodes {
     /// What the node says if it shall have no children.
     fn as_leaf(&self, node: &Node, children: &[Option<Said>; 8]) -> Option<Said> {
         if node.depth == self.lowest {
-            return Some(summary(children));
+            return Some(self.summary(children));
         }
         // The root of a `.bt` file is always an inner node.
         let may =
@@ -138,6 +144,26 @@ impl Nodes {
             .then_some(first)
     }
 
+    /// What an inner node says.
+    fn summary(&self, children: &[Option<Said>; 8]) -> Said {
+        let children = || children.iter().flatten();
+        let log_odds = children().map(|said| said.log_odds).max();
+        let colors: Vec<_> = children()
+            .map(|said| said.color)
+            .filter(|c| *c != NO_COLOR)
+            .collect();
+        let color = match self.kind {
+            _ if colors.is_empty() => NO_COLOR,
+            Kind::Classified => most_frequent(&colors),
+            Kind::Full | Kind::Colored | Kind::Binary => average(&colors),
+        };
+        Said {
+            log_odds: log_odds.unwrap_or(LogOdds::MIN),
+            color,
+            is_leaf: false,
+        }
+    }
+
     /// The bytes of a node itself, and some zeros.
     fn head(&self, said: Said, children: &[Option<Said>; 8]) -> [u8; 8] {
         let [a, b, c, d] = as_octomap(said.log_odds).to_le_bytes();
@@ -146,7 +172,7 @@ impl Nodes {
         let [low, high] = child_kinds(children).to_le_bytes();
         match self.kind {
             Kind::Full => [a, b, c, d, bits, 0, 0, 0],
-            Kind::Colored => [a, b, c, d, red, green, blue, bits],
+            Kind::Colored | Kind::Classified => [a, b, c, d, red, green, blue, bits],
             Kind::Binary => [low, high, 0, 0, 0, 0, 0, 0],
         }
     }
@@ -160,19 +186,24 @@ fn as_octomap(log_odds: LogOdds) -> f32 {
     log_odds.value() as f32
 }
 
-fn summary(children: &[Option<Said>; 8]) -> Said {
-    let children = || children.iter().flatten();
-    let log_odds = children().map(|said| said.log_odds).max();
-    let colors = || children().map(|said| said.color).filter(|c| *c != NO_COLOR);
-    let color = match colors().count() as u32 {
-        0 => NO_COLOR,
-        count => [0, 1, 2].map(|i| (colors().map(|c| u32::from(c[i])).sum::<u32>() / count) as u8),
-    };
-    Said {
-        log_odds: log_odds.unwrap_or(LogOdds::MIN),
-        color,
-        is_leaf: false,
-    }
+/// The average of colours.
+fn average(colors: &[[u8; 3]]) -> [u8; 3] {
+    let count = colors.len() as u32;
+    [0, 1, 2].map(|i| (colors.iter().map(|c| u32::from(c[i])).sum::<u32>() / count) as u8)
+}
+
+/// The most frequent of colours; the least of several.
+fn most_frequent(colors: &[[u8; 3]]) -> [u8; 3] {
+    let count = |color| colors.iter().filter(|c| **c == color).count();
+    let first = colors[0];
+    colors.iter().fold(first, |most, &color| {
+        let (more, same) = (count(color), count(most));
+        if more > same || more == same && color < most {
+            color
+        } else {
+            most
+        }
+    })
 }
 
 fn child_bits(children: &[Option<Said>; 8]) -> u8 {
