@@ -1,10 +1,14 @@
 //! The command line.
 
+mod map;
+
 use std::path::PathBuf;
 
 use anyhow::Result;
 use clap::{Parser, Subcommand};
 use companion::config::Config;
+
+pub(crate) use map::MapCommand;
 
 /// The on-board service: sensors to SLAM to a map on the wire.
 #[derive(Parser)]
@@ -44,6 +48,11 @@ pub(crate) enum Command {
         /// How long to listen for the autopilot.
         #[arg(long, default_value_t = 3.0, value_parser = seconds)]
         listen_s: f64,
+    },
+    /// Says what is in a map file, converts it, draws it.
+    Map {
+        #[command(subcommand)]
+        command: MapCommand,
     },
 }
 

@@ -10,7 +10,7 @@
 //! - [`pipeline`]: from camera frames to encoded map tiles, on threads of its own.
 //! - [`event`], [`step`]: all that can happen, and the one pure function that decides what to do about it.
 //! - [`net`], [`runtime`], [`output`], [`clock`]: all that touches the world.
-//! - [`replay`], [`doctor`]: the other two commands.
+//! - [`replay`], [`doctor`], [`map`]: the other commands.
 
 pub mod clock;
 pub mod config;
@@ -18,6 +18,7 @@ pub mod doctor;
 pub mod event;
 pub mod figures;
 pub mod histogram;
+pub mod map;
 pub mod net;
 pub mod odometry;
 pub mod origin;

@@ -64,6 +64,7 @@ fn execute() -> Result<ExitCode> {
             let listen = Duration::from_secs_f64(listen_s);
             Ok(examine(options.read(source), clock, listen))
         }
+        Command::Map { command } => command.run().map(|()| ExitCode::SUCCESS),
     }
 }
 

@@ -17,12 +17,14 @@ fn referee() {
             panic!("the feature referee needs liboctomap (Debian: liboctomap-dev): {error}")
         }
     };
-    cxx_build::bridge("src/referee.rs")
-        .file("src/referee.cpp")
+    cxx_build::bridges(["src/referee.rs", "src/node_referee.rs"])
+        .files(["src/referee.cpp", "src/node_referee.cpp"])
         .includes(library.include_paths)
         .std("c++17")
         .compile("octomap-referee");
-    for file in ["src/referee.rs", "src/referee.cpp", "src/referee.h"] {
-        println!("cargo:rerun-if-changed={file}");
+    for name in ["referee", "node_referee"] {
+        for ending in ["rs", "cpp", "h"] {
+            println!("cargo:rerun-if-changed=src/{name}.{ending}");
+        }
     }
 }

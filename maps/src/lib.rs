@@ -5,6 +5,7 @@
 //! - [`time`]: [`time::Stamp`], a moment on one monotonic clock, always passed in.
 //! - [`camera`]: the pinhole camera and the RGB-D image it takes.
 //! - [`voxel`]: the voxel map, free and occupied; [`scan`]: adding what a sensor saw to it.
+//! - [`palette`]: the colours of classes, and from low to high; [`picture`]: a map drawn from above and from aside.
 //! - [`tile`]: cubes of the map with a version, and their compressed form.
 //! - [`traversability`]: where a ground vehicle can drive, on a grid.
 //! - [`plan`]: paths for a car-like vehicle on that grid.
@@ -12,6 +13,8 @@
 
 pub mod camera;
 pub mod frame;
+pub mod palette;
+pub mod picture;
 pub mod plan;
 pub mod scan;
 pub mod tile;

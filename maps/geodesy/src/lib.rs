@@ -3,7 +3,8 @@
 //! The world of a mission is the plane that touches the ellipsoid below its [`Origin`]: x east, y north, z up from the
 //! origin's height. It is no map projection: a place 1 km away is 0.08 m below the plane, one 10 km away 7.8 m.
 //!
-//! Heights are above the ellipsoid; autopilots report height above mean sea level, which differs by up to 100 m.
+//! Heights are above the ellipsoid; autopilots report height above mean sea level, which differs by up to 100 m:
+//! [`geoid`] tells by how much. [`grid`] writes places as UTM and MGRS, and reads them.
 //!
 //! ```
 //! use geodesy::{Geodetic, Origin};
@@ -23,6 +24,8 @@
     reason = "cxx generates both for the C++ side"
 )]
 mod bridge;
+pub mod geoid;
+pub mod grid;
 
 use maps::frame::{Point, World};
 

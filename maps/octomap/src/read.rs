@@ -1,168 +1,321 @@
-//! Reading `OctoMap` files, which may come from anyone: depth, voxels and header are bounded.
+//! Reading `OctoMap` files, which may come from anyone: depth, memory, values and header are bounded.
 
-use std::io::{self, BufRead, Read as _};
+use std::io::BufRead;
 
-use maps::voxel::{LogOdds, Voxel, VoxelKey, VoxelMap};
+use maps::palette;
+use maps::voxel::{ClassId, LogOdds, Rgb, Voxel, VoxelKey, VoxelMap};
 
-use crate::{BT_MAGIC, DEPTH, OT_MAGIC};
+use crate::error::ReadError;
+use crate::header::{Format, Header, TreeType};
+use crate::memory::Memory;
+use crate::{DEPTH, NO_COLOR};
 
-/// The most voxels that pruned leaves may stand for: 64 million, about 100 MB.
-const MOST_VOXELS: u64 = 1 << 26;
-/// The longest header that is read.
-const LONGEST_HEADER: u64 = 64 * 1024;
-
-/// Why an `OctoMap` file could not be read.
-#[derive(Debug, thiserror::Error)]
-pub enum ReadError {
-    /// The file itself; `UnexpectedEof` where it ends in the midst of the tree.
-    #[error("cannot read the file: {0}")]
-    Io(#[from] io::Error),
-    /// Another kind of file.
-    #[error("the file does not begin with {expected:?}")]
-    NotOctomap {
-        /// Its first line should have been this.
-        expected: &'static str,
-    },
-    /// A tree with other nodes, as of colours or time stamps.
-    #[error("the file holds a tree of type {found:?}, only OcTree is understood")]
-    OtherTree {
-        /// What the header says.
-        found: String,
-    },
-    /// Missing, no number, or no resolution that a map can have.
-    #[error("the header gives the resolution as {found:?}")]
-    BadResolution {
-        /// What it says.
-        found: String,
-    },
-    /// The header does not come to an end.
-    #[error("the header has no line \"data\" in its first {LONGEST_HEADER} bytes")]
-    NoData,
-    /// A node below the lowest level.
-    #[error("the tree is deeper than {DEPTH} levels")]
-    TooDeep,
-    /// Its leaves stand for too much to hold.
-    #[error("the leaves stand for more than {MOST_VOXELS} voxels")]
-    TooLarge,
+/// How to read a file.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct ReadOptions {
+    /// Levels to leave out at the bottom: each doubles the edge of a voxel, which is then as occupied as the most
+    /// occupied leaf in it and of that leaf's colour. At most 15, and within [`VoxelMap::RESOLUTION_M`].
+    pub coarser: u32,
+    /// What the colours of a `ColorOcTree` mean.
+    pub colors: Colors,
+    /// The most memory, about, that the map may take.
+    pub most_bytes: u64,
 }
 
-/// Reads a `.ot` file. Leaves above the lowest level become voxels; inner nodes tell nothing that their leaves do not.
-/// Log-odds are rounded to our steps of 0.05 and clamped.
+impl Default for ReadOptions {
+    fn default() -> Self {
+        Self {
+            coarser: 0,
+            colors: Colors::Surface,
+            most_bytes: 2 << 30,
+        }
+    }
+}
+
+/// What the colours of a `ColorOcTree` mean. The file does not tell.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Colors {
+    /// What a camera saw.
+    Surface,
+    /// The class of what is there, by [`maps::palette`]. Other colours, such as `OctoMap`'s averages where it pruned
+    /// different classes into one leaf, are no class.
+    Classes,
+}
+
+/// What was in a file.
+#[derive(Debug)]
+pub struct Opened {
+    /// Its voxels.
+    pub map: VoxelMap,
+    /// What its header said.
+    pub header: Header,
+    /// How many nodes the tree has, inner ones included.
+    pub nodes: u64,
+    /// Leaves that stand for more than a voxel.
+    pub pruned: u64,
+    /// Occupied voxels whose colour is no class, where colours were to mean classes.
+    pub unclassified: u64,
+}
+
+/// Reads a `.ot` or `.bt` file, whichever it is.
+///
+/// Leaves above the lowest level become voxels; inner nodes tell nothing that their leaves do not. Log-odds are rounded to
+/// our steps of 0.05 and clamped, but what is occupied or free to `OctoMap` stays so; in a `.bt` file either is as sure
+/// as can be.
+pub fn read(mut from: impl BufRead, options: &ReadOptions) -> Result<Opened, ReadError> {
+    let header = Header::read(&mut from)?;
+    read_nodes(from, header, options)
+}
+
+fn read_nodes(
+    from: impl BufRead,
+    header: Header,
+    options: &ReadOptions,
+) -> Result<Opened, ReadError> {
+    let resolution_m = header.resolution_m * f64::from(1_u32 << options.coarser.min(31));
+    if options.coarser >= DEPTH || !VoxelMap::RESOLUTION_M.contains(&resolution_m) {
+        let coarser = options.coarser;
+        return Err(ReadError::TooCoarse { coarser });
+    }
+    let mut tree = Tree {
+        from,
+        opened: Opened {
+            map: VoxelMap::new(resolution_m),
+            header,
+            nodes: 0,
+            pruned: 0,
+            unclassified: 0,
+        },
+        options: *options,
+        lowest: DEPTH - options.coarser,
+        used: Memory::default(),
+    };
+    if header.nodes != Some(0) {
+        let root = Place {
+            path: [0; 3],
+            depth: 0,
+        };
+        tree.opened.nodes = 1;
+        match header.format {
+            Format::Full => tree.full_node(root)?,
+            Format::Binary | Format::OldBinary => tree.binary_node(root)?,
+        };
+    }
+    let found = tree.opened.nodes;
+    match header.nodes {
+        Some(said) if said != found && header.format != Format::Full => {
+            Err(ReadError::OtherCount { said, found })
+        }
+        _ => Ok(tree.opened),
+    }
+}
+
+/// Reads the voxels of a `.ot` file, as [`read()`] does by default.
 pub fn read_ot(from: impl BufRead) -> Result<VoxelMap, ReadError> {
-    let (mut tree, nodes) = Tree::open(from, OT_MAGIC)?;
-    if nodes {
-        tree.full_node([0; 3], 0)?;
-    }
-    Ok(tree.map)
+    read_format(from, ".ot", &[Format::Full])
 }
 
-/// Reads a `.bt` file. Leaves above the lowest level become voxels; free and occupied ones are as sure as can be, as
-/// `OctoMap` reads them.
+/// Reads the voxels of a `.bt` file, as [`read()`] does by default.
 pub fn read_bt(from: impl BufRead) -> Result<VoxelMap, ReadError> {
-    let (mut tree, nodes) = Tree::open(from, BT_MAGIC)?;
-    if nodes {
-        tree.binary_node([0; 3], 0)?;
+    read_format(from, ".bt", &[Format::Binary, Format::OldBinary])
+}
+
+fn read_format(
+    mut from: impl BufRead,
+    expected: &'static str,
+    formats: &[Format],
+) -> Result<VoxelMap, ReadError> {
+    let header = Header::read(&mut from)?;
+    if !formats.contains(&header.format) {
+        return Err(ReadError::OtherFormat { expected });
     }
-    Ok(tree.map)
+    Ok(read_nodes(from, header, &ReadOptions::default())?.map)
+}
+
+/// A node: the path to it along each axis, and how deep it lies.
+#[derive(Clone, Copy)]
+struct Place {
+    path: [i32; 3],
+    depth: u32,
+}
+
+impl Place {
+    fn child(self, child: u8) -> Self {
+        Self {
+            path: [0, 1, 2].map(|axis| self.path[axis] << 1 | i32::from(child >> axis & 1)),
+            depth: self.depth + 1,
+        }
+    }
+}
+
+/// What a leaf says.
+#[derive(Clone, Copy)]
+struct Content {
+    log_odds: LogOdds,
+    color: Option<Rgb>,
+}
+
+impl Content {
+    fn as_voxel(self, colors: Colors) -> Voxel {
+        let voxel = Voxel::new(self.log_odds);
+        match colors {
+            Colors::Surface => Voxel {
+                color: self.color,
+                ..voxel
+            },
+            Colors::Classes => Voxel {
+                class: self
+                    .color
+                    .and_then(palette::class_of)
+                    .unwrap_or(ClassId::NONE),
+                ..voxel
+            },
+        }
+    }
+
+    const fn uncolored(log_odds: LogOdds) -> Self {
+        Self {
+            log_odds,
+            color: None,
+        }
+    }
+}
+
+/// What follows of a child.
+enum Child {
+    /// Nothing: a leaf of a `.bt` file.
+    Leaf(LogOdds),
+    /// A node.
+    Node,
 }
 
 struct Tree<R> {
     from: R,
-    map: VoxelMap,
-    voxels: u64,
+    opened: Opened,
+    options: ReadOptions,
+    /// The depth of the map's voxels.
+    lowest: u32,
+    used: Memory,
 }
 
 impl<R: BufRead> Tree<R> {
-    /// Reads the header; also whether there are any nodes.
-    fn open(mut from: R, magic: &'static str) -> Result<(Self, bool), ReadError> {
-        let mut header = from.by_ref().take(LONGEST_HEADER);
-        let mut line = Vec::new();
-        let mut next = |header: &mut io::Take<&mut R>| -> Result<Option<String>, ReadError> {
-            line.clear();
-            header.read_until(b'\n', &mut line)?;
-            let text = String::from_utf8_lossy(&line).trim_end().to_owned();
-            Ok(line.ends_with(b"\n").then_some(text))
+    /// A node of a `.ot` file; the most occupied of its leaves.
+    fn full_node(&mut self, at: Place) -> Result<Content, ReadError> {
+        let value = f32::from_le_bytes(self.read()?);
+        let color = match self.opened.header.tree {
+            TreeType::Color => Some(self.read()?),
+            TreeType::Plain | TreeType::Stamped => None,
         };
-        if next(&mut header)?.is_none_or(|line| !line.starts_with(magic)) {
-            return Err(ReadError::NotOctomap { expected: magic });
-        }
-        let mut nodes = true;
-        let mut resolution = String::new();
-        loop {
-            let line = next(&mut header)?.ok_or(ReadError::NoData)?;
-            let (key, value) = line.split_once(' ').unwrap_or((&line, ""));
-            match key {
-                "data" => break,
-                "id" if value != "OcTree" => {
-                    return Err(ReadError::OtherTree {
-                        found: value.to_owned(),
-                    });
-                }
-                "size" => nodes = value != "0",
-                "res" => value.clone_into(&mut resolution),
-                _ => {}
-            }
-        }
-        let resolution_m = resolution
-            .parse()
-            .ok()
-            .filter(|m| VoxelMap::RESOLUTION_M.contains(m))
-            .ok_or(ReadError::BadResolution { found: resolution })?;
-        let map = VoxelMap::new(resolution_m);
-        Ok((
-            Self {
-                from,
-                map,
-                voxels: 0,
-            },
-            nodes,
-        ))
-    }
-
-    /// A node of a `.ot` file at `depth`, of which `at` is the path along each axis.
-    fn full_node(&mut self, at: [i32; 3], depth: u32) -> Result<(), ReadError> {
-        let [a, b, c, d, children] = self.read()?;
+        let [children] = self.read()?;
         if children == 0 {
-            let log_odds = f32::from_le_bytes([a, b, c, d]);
-            return self.leaf(at, depth, LogOdds::nearest(log_odds.into()));
+            let content = self.content(value, color)?;
+            self.leaf(at, content)?;
+            return Ok(content);
         }
-        let depth = one_deeper(depth)?;
-        for child in (0..8).filter(|child| children >> child & 1 == 1) {
-            self.full_node(child_of(at, child), depth)?;
-        }
-        Ok(())
+        let children = (0..8).filter(|child| children >> child & 1 == 1);
+        self.inner(at, children.map(|child| (child, Child::Node)))
     }
 
-    /// An inner node of a `.bt` file.
-    fn binary_node(&mut self, at: [i32; 3], depth: u32) -> Result<(), ReadError> {
+    /// An inner node of a `.bt` file; the most occupied of its leaves.
+    fn binary_node(&mut self, at: Place) -> Result<Content, ReadError> {
         let kinds = u16::from_le_bytes(self.read()?);
-        let depth = one_deeper(depth)?;
-        for child in 0..8 {
-            let at = child_of(at, child);
-            match kinds >> (2 * child) & 3 {
-                0b01 => self.leaf(at, depth, LogOdds::MIN)?,
-                0b10 => self.leaf(at, depth, LogOdds::MAX)?,
-                0b11 => self.binary_node(at, depth)?,
-                _ => {}
+        let children = (0..8).filter_map(|child| match kinds >> (2 * child) & 3 {
+            0b01 => Some((child, Child::Leaf(LogOdds::MIN))),
+            0b10 => Some((child, Child::Leaf(LogOdds::MAX))),
+            0b11 => Some((child, Child::Node)),
+            _ => None,
+        });
+        self.inner(at, children)
+    }
+
+    /// The children of a node, in the order in which they follow.
+    fn inner(
+        &mut self,
+        at: Place,
+        children: impl Iterator<Item = (u8, Child)>,
+    ) -> Result<Content, ReadError> {
+        if at.depth == DEPTH {
+            let node = self.opened.nodes;
+            return Err(ReadError::TooDeep { node });
+        }
+        let mut most = Content::uncolored(LogOdds::MIN);
+        for (child, kind) in children {
+            self.opened.nodes += 1;
+            let place = at.child(child);
+            let content = match (kind, self.opened.header.format) {
+                (Child::Leaf(log_odds), _) => {
+                    self.leaf(place, Content::uncolored(log_odds))?;
+                    Content::uncolored(log_odds)
+                }
+                (Child::Node, Format::Full) => self.full_node(place)?,
+                (Child::Node, Format::Binary | Format::OldBinary) => self.binary_node(place)?,
+            };
+            if content.log_odds > most.log_odds
+                || most.color.is_none() && content.log_odds == most.log_odds
+            {
+                most = content;
             }
         }
-        Ok(())
+        if at.depth == self.lowest {
+            self.fill(at, most)?;
+        }
+        Ok(most)
     }
 
-    fn leaf(&mut self, at: [i32; 3], depth: u32, log_odds: LogOdds) -> Result<(), ReadError> {
-        let levels = DEPTH - depth;
-        self.voxels += 1 << (3 * levels);
-        if self.voxels > MOST_VOXELS {
-            return Err(ReadError::TooLarge);
+    fn content(&self, value: f32, color: Option<[u8; 3]>) -> Result<Content, ReadError> {
+        if value.is_nan() {
+            let node = self.opened.nodes;
+            return Err(ReadError::NotANumber { node });
         }
-        let [x, y, z] = at.map(|c| (c << levels) + VoxelKey::RANGE.start());
-        let voxel = Voxel::new(log_odds);
+        let nearest = LogOdds::nearest(value.into());
+        // Rounding must not change sides, and at even odds OctoMap says occupied, we say free.
+        let log_odds = if value >= 0.0 {
+            nearest.max(LogOdds(1))
+        } else {
+            nearest.min(LogOdds(0))
+        };
+        let color = color.filter(|c| *c != NO_COLOR).map(Rgb);
+        Ok(Content { log_odds, color })
+    }
+
+    fn leaf(&mut self, at: Place, content: Content) -> Result<(), ReadError> {
+        self.opened.pruned += u64::from(at.depth < DEPTH);
+        // What lies below the voxels of the map is summed up by the node above.
+        if at.depth > self.lowest {
+            return Ok(());
+        }
+        self.fill(at, content)
+    }
+
+    /// Makes the cube of a node so many equal voxels.
+    fn fill(&mut self, at: Place, content: Content) -> Result<(), ReadError> {
+        let levels = self.lowest - at.depth;
+        let low = VoxelKey::RANGE.start() >> self.options.coarser;
+        let [x, y, z] = at.path.map(|c| (c << levels) + low);
+        if self.used.add(VoxelKey::new(x, y, z), levels) > self.options.most_bytes {
+            return Err(ReadError::TooLarge {
+                most_mib: self.options.most_bytes >> 20,
+                node: self.opened.nodes,
+                edge_m: self.opened.map.resolution_m() * f64::from(1_u32 << levels),
+                voxels: 1 << (3 * levels),
+                coarser: self.options.coarser
+                    + Memory::levels_too_many(levels, self.options.most_bytes),
+            });
+        }
+        let voxel = content.as_voxel(self.options.colors);
+        if self.options.colors == Colors::Classes
+            && content.color.is_some()
+            && voxel.log_odds.is_occupied()
+            && voxel.class == ClassId::NONE
+        {
+            self.opened.unclassified += 1 << (3 * levels);
+        }
         let edge = 1 << levels;
         for dz in 0..edge {
             for dy in 0..edge {
                 for dx in 0..edge {
-                    self.map
-                        .set_voxel(VoxelKey::new(x + dx, y + dy, z + dz), voxel);
+                    let key = VoxelKey::new(x + dx, y + dy, z + dz);
+                    self.opened.map.set_voxel(key, voxel);
                 }
             }
         }
@@ -174,15 +327,4 @@ impl<R: BufRead> Tree<R> {
         self.from.read_exact(&mut bytes)?;
         Ok(bytes)
     }
-}
-
-fn one_deeper(depth: u32) -> Result<u32, ReadError> {
-    if depth == DEPTH {
-        return Err(ReadError::TooDeep);
-    }
-    Ok(depth + 1)
-}
-
-fn child_of(at: [i32; 3], child: u8) -> [i32; 3] {
-    [0, 1, 2].map(|axis| at[axis] << 1 | i32::from(child >> axis & 1))
 }

@@ -43,7 +43,7 @@ mod ffi {
 /// What liboctomap could not do, in its words.
 #[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
 #[error("{0}")]
-pub struct Refused(String);
+pub struct Refused(pub(crate) String);
 
 /// A map in liboctomap.
 pub struct Referee(UniquePtr<ffi::Referee>);

@@ -229,15 +229,19 @@ fn hostile_files_are_refused_with_a_reason() {
     let file = |rest: &str, data: &[u8]| [magic.as_bytes(), rest.as_bytes(), data].concat();
     check(
         b"",
-        "the file does not begin with \"# Octomap OcTree binary file\"",
+        "the file does not begin as an OctoMap .ot or .bt file does",
     );
     check(
-        &file("id ColorOcTree\n", &[]),
-        "the file holds a tree of type \"ColorOcTree\", only OcTree is understood",
+        b"# Octomap OcTree file\nres 0.1\nsize 0\ndata\n",
+        "the file is an OctoMap file, but not of kind .bt",
+    );
+    check(
+        &file("id CountingOcTree\n", &[]),
+        "the file holds a tree of type \"CountingOcTree\", only OcTree, ColorOcTree and OcTreeStamped are understood",
     );
     check(
         &file("size 1\nres nan\ndata\n", &[]),
-        "the header gives the resolution as \"nan\"",
+        "the header gives the resolution as \"nan\", a map has 0.001 m to 100 m",
     );
     check(
         &file("size 1\n", &[]),
@@ -245,11 +249,12 @@ fn hostile_files_are_refused_with_a_reason() {
     );
     check(
         &file("size 1\nres 0.1\ndata\n", &[2, 0]),
-        "the leaves stand for more than 67108864 voxels",
+        "the map would take more than 2048 MiB: a leaf 3276.8 m wide at node 2 stands for 35184372088832 voxels; read it \
+         6 or more levels coarser, or allow more memory",
     );
     check(
         &file("size 1\nres 0.1\ndata\n", &[3; 64]),
-        "the tree is deeper than 16 levels",
+        "the tree is deeper than 16 levels at node 17",
     );
     let cut = read_bt(&file("size 1\nres 0.1\ndata\n", &[3])[..]);
     assert!(matches!(cut, Err(ReadError::Io(_))), "{cut:?}");
