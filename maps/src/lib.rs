@@ -5,12 +5,14 @@
 //! - [`time`]: [`time::Stamp`], a moment on one monotonic clock, always passed in.
 //! - [`camera`]: the pinhole camera and the RGB-D image it takes.
 //! - [`voxel`]: the voxel map, free and occupied; [`scan`]: adding what a sensor saw to it.
-//! - [`evidence`]: what several sources say of a voxel, and the rules that make one map of it.
+//! - [`evidence`]: what several sources say of a voxel, and the rules that make one map of it; [`bev`]: bird's-eye views
+//!   as such evidence.
 //! - [`tile`]: cubes of the map with a version, and their compressed form.
 //! - [`traversability`]: where a ground vehicle can drive, on a grid.
 //! - [`plan`]: paths for a car-like vehicle on that grid.
 //! - [`trajectory`]: stamped poses, their files, and the errors of an estimate.
 
+pub mod bev;
 pub mod camera;
 pub mod evidence;
 pub mod frame;
