@@ -7,6 +7,7 @@
 //! - [`voxel`]: the voxel map, free and occupied; [`scan`]: adding what a sensor saw to it.
 //! - [`evidence`]: what several sources say of a voxel, and the rules that make one map of it; [`bev`]: bird's-eye views
 //!   as such evidence.
+//! - [`metrics`]: how far a map is from the truth.
 //! - [`tile`]: cubes of the map with a version, and their compressed form.
 //! - [`traversability`]: where a ground vehicle can drive, on a grid.
 //! - [`plan`]: paths for a car-like vehicle on that grid.
@@ -16,6 +17,7 @@ pub mod bev;
 pub mod camera;
 pub mod evidence;
 pub mod frame;
+pub mod metrics;
 pub mod plan;
 pub mod scan;
 pub mod tile;
