@@ -160,10 +160,9 @@ fn room() -> VoxelMap {
             }
         }
         map.insert_scan(&Scan {
-            origin,
-            hits: &hits,
             colors: &colors,
             max_range_m: 20.0,
+            ..Scan::new(origin, &hits)
         });
     }
     map

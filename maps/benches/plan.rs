@@ -162,10 +162,7 @@ fn floor() -> VoxelMap {
     let mut random = Pcg64::seed_from_u64(SEED);
     let boxes = hall(&mut random);
     let mut map = VoxelMap::new(RESOLUTION_M);
-    let occupied = Voxel {
-        log_odds: LogOdds::MAX,
-        color: None,
-    };
+    let occupied = Voxel::new(LogOdds::MAX);
     let keys = (0_i32..).flat_map(|y| (0..EDGE as u16).map(move |x| (i32::from(x), y)));
     for (cell, (x, y)) in boxes.iter().zip(keys) {
         let top = match cell {

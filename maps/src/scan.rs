@@ -11,11 +11,13 @@
 
 use crate::frame::{Point, World};
 use crate::tile::TileId;
-use crate::voxel::block::{Mask, NONE, PackedColor};
+use crate::time::Stamp;
+use crate::voxel::block::{Mask, NONE};
 use crate::voxel::grid::{Directory, Hashed, OfTile, block_index, voxel_index};
-use crate::voxel::{Rgb, VoxelKey, VoxelMap, key_at};
+use crate::voxel::surface::{PackedColor, PackedSeen, Surface};
+use crate::voxel::{ClassId, Rgb, Seen, Sources, VoxelKey, VoxelMap, key_at};
 
-/// Points that one sensor saw at one moment from one place.
+/// Points that one sensor saw at one moment from one place. [`Scan::new`] fills in what a caller has nothing to say of.
 #[derive(Clone, Copy, Debug)]
 pub struct Scan<'a> {
     /// Where the sensor was.
@@ -24,8 +26,30 @@ pub struct Scan<'a> {
     pub hits: &'a [Point<World>],
     /// The colour of each point; none of those missing at the end.
     pub colors: &'a [Rgb],
+    /// The class of each point; [`ClassId::NONE`] for those missing at the end. Where the points of one voxel differ, most
+    /// win, and the lowest id of those that tie.
+    pub classes: &'a [ClassId],
     /// A ray is free up to here and what it hits beyond is ignored.
     pub max_range_m: f64,
+    /// When.
+    pub at: Stamp,
+    /// By whom.
+    pub source: Sources,
+}
+
+impl<'a> Scan<'a> {
+    /// Points without colour or class, of any range, seen at the start of the clock by nobody in particular.
+    pub const fn new(origin: Point<World>, hits: &'a [Point<World>]) -> Self {
+        Self {
+            origin,
+            hits,
+            colors: &[],
+            classes: &[],
+            max_range_m: f64::INFINITY,
+            at: Stamp::ZERO,
+            source: Sources::NONE,
+        }
+    }
 }
 
 impl VoxelMap {
@@ -37,31 +61,51 @@ impl VoxelMap {
         }
         let mut marks = std::mem::take(&mut self.marks);
         marks.gather(scan, per_m);
-        self.update(&marks);
+        let seen = Seen {
+            at: scan.at,
+            sources: scan.source,
+        };
+        self.update(&marks, seen.into());
         marks.clear();
         self.marks = marks;
     }
 
     /// One update for each voxel that is marked, and one version more for each tile that changed.
-    fn update(&mut self, marks: &Marks) {
+    fn update(&mut self, marks: &Marks, seen: PackedSeen) {
         for &position in &marks.touched {
             let tile_marks = marks.tiles.at(position);
             let tile = self.tile_mut(tile_marks.id);
             for (at, marks) in &tile_marks.blocks {
                 if marks.free != NONE || marks.hit != NONE {
-                    let changed = tile.block_mut(*at).update(&marks.free, &marks.hit);
+                    let changed = tile.block_mut(*at).update(&marks.free, &marks.hit, seen);
                     tile.note(changed);
                 }
             }
         }
         for &(key, color) in &marks.colored {
-            let tile = self.tile_mut(TileId::of(key));
-            let block = tile.block_mut(block_index(key));
-            let changed = block.see_color(voxel_index(key), color);
-            tile.note(changed);
+            self.see(key, |surface| surface.see_color(color));
+        }
+        for &(key, class) in &marks.classified {
+            self.see(key, |surface| surface.see_class(class));
         }
         for &position in &marks.touched {
             self.tile_mut(marks.tiles.at(position).id).commit();
+        }
+    }
+}
+
+impl VoxelMap {
+    /// Changes what is kept of a voxel, if it is occupied.
+    fn see(&mut self, key: VoxelKey, change: impl FnOnce(&mut Surface)) {
+        let tile = self.tile_mut(TileId::of(key));
+        if let Some(surface) = tile
+            .block_mut(block_index(key))
+            .surface_mut(voxel_index(key))
+        {
+            let before = *surface;
+            change(surface);
+            let changed = !before.is_same(*surface);
+            tile.note(changed);
         }
     }
 }
@@ -76,6 +120,8 @@ pub(crate) struct Marks {
     recent: Option<(TileId, usize)>,
     /// The colour of the first point in each voxel that was hit.
     colored: Vec<(VoxelKey, PackedColor)>,
+    /// The classes of all points, then the class that most points of a voxel have.
+    classified: Vec<(VoxelKey, ClassId)>,
     ends: Vec<VoxelKey>,
 }
 
@@ -132,11 +178,18 @@ impl Marks {
             if put(&mut marks.end, voxel) {
                 ends.push(key);
             }
-            if !beyond && put(&mut marks.hit, voxel) {
+            if beyond {
+                continue;
+            }
+            if put(&mut marks.hit, voxel) {
                 let color = scan.colors.get(index).map(|c| (key, (*c).into()));
                 self.colored.extend(color);
             }
+            let class = scan.classes.get(index).filter(|c| **c != ClassId::NONE);
+            self.classified.extend(class.map(|class| (key, *class)));
         }
+        let points = std::mem::take(&mut self.classified);
+        self.classified = majorities(points);
         let start = Start {
             key: key_at(scan.origin, per_m),
             at: (scan.origin.raw.coords * per_m).into(),
@@ -226,6 +279,7 @@ impl Marks {
         }
         self.recent = None;
         self.colored.clear();
+        self.classified.clear();
     }
 }
 
@@ -253,6 +307,19 @@ impl BlockMarks {
 struct Start {
     at: [f64; 3],
     key: VoxelKey,
+}
+
+/// One class for each voxel: that of most of its points, the lowest of those that tie.
+fn majorities(mut points: Vec<(VoxelKey, ClassId)>) -> Vec<(VoxelKey, ClassId)> {
+    points.sort_unstable();
+    points
+        .chunk_by(|a, b| a.0 == b.0)
+        .filter_map(|voxel| {
+            let classes = voxel.chunk_by(|a, b| a.1 == b.1);
+            let most = classes.max_by_key(|same| (same.len(), std::cmp::Reverse(same[0].1)))?;
+            most.first().copied()
+        })
+        .collect()
 }
 
 /// Sets a bit; whether it was not set before.

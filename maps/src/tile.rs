@@ -10,7 +10,7 @@ mod range_coder;
 use std::fmt;
 
 use crate::voxel::block::Block;
-use crate::voxel::{Voxel, VoxelKey, grid};
+use crate::voxel::{Seen, Voxel, VoxelKey, grid};
 
 /// Which tile: the key of any of its voxels, shifted right by 7 bits.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -140,12 +140,21 @@ impl Tile {
 
     /// What is known of a voxel; `None` also if it is in another tile.
     pub fn voxel(&self, key: VoxelKey) -> Option<Voxel> {
+        self.block_of(key)?.voxel(grid::voxel_index(key))
+    }
+
+    /// When and by whom a voxel was seen, as [`crate::voxel::VoxelMap::seen`]; not told by tiles that were decoded.
+    pub fn seen(&self, key: VoxelKey) -> Option<Seen> {
+        self.block_of(key)?.seen(grid::voxel_index(key))
+    }
+
+    fn block_of(&self, key: VoxelKey) -> Option<&Block> {
         if TileId::of(key) != self.id {
             return None;
         }
         let at = grid::block_index(key);
         let place = self.blocks.binary_search_by_key(&at, |(at, _)| *at).ok()?;
-        self.blocks[place].1.voxel(grid::voxel_index(key))
+        Some(&self.blocks[place].1)
     }
 
     /// Its occupied voxels, ordered by block and place in the block.

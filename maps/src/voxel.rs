@@ -9,8 +9,16 @@
 //! All five numbers are multiples of 0.05, so log-odds are integers in steps of 0.05 ([`LogOdds`]), and tiles and files
 //! hold them exactly.
 //!
+//! An occupied voxel has a surface, and the surface a colour, a class and a memory of when it was last seen and by whom
+//! ([`Seen`]). Free space remembers that too, but only for each slice of 8 × 8 × 1 voxels: the last time any free voxel of
+//! the slice was seen, and by which sources. Times are kept in steps of 1/32 s.
+//!
+//! Log-odds, colour and class are *content*: they make equal maps, digests and tile versions. When and by whom a voxel was
+//! seen is not: looking at the same thing again changes no tile, and nothing need be sent.
+//!
 //! Voxels live in blocks of 8³ with one bit a voxel for *known* and *occupied*; blocks hang in tiles of 16³ blocks; tiles
 //! are found by hashing. Nothing iterates in hash order: every sequence the map gives out is ordered by tile, block, voxel.
+//! A block takes 0.7 kB, and ten bytes more for each occupied voxel.
 //!
 //! The world is bounded to 2¹⁶ voxels along each axis, centred on the origin: the very space of an `OctoMap` file.
 //!
@@ -22,7 +30,7 @@
 //!
 //! let mut map = VoxelMap::new(0.1);
 //! let wall = [Point::new(2.0, 0.3, 1.0)];
-//! map.insert_scan(&Scan { origin: Point::new(0.0, 0.0, 1.5), hits: &wall, colors: &[], max_range_m: 30.0 });
+//! map.insert_scan(&Scan { max_range_m: 30.0, ..Scan::new(Point::new(0.0, 0.0, 1.5), &wall) });
 //! assert_eq!(map.occupancy(map.key_of(wall[0])), Occupancy::Occupied);
 //!
 //! // What changed travels as tiles to another map, which then is the same.
@@ -42,6 +50,8 @@
 pub(crate) mod block;
 mod cast;
 pub(crate) mod grid;
+pub(crate) mod surface;
+mod value;
 
 use std::fmt;
 use std::ops::RangeInclusive;
@@ -53,113 +63,7 @@ use crate::scan::Marks;
 use crate::tile::{Tile, TileError, TileId};
 pub use cast::RayHit;
 use grid::{Hashed, TileNode};
-
-/// Where a voxel is: `floor(p / resolution)` along each axis of the world.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct VoxelKey {
-    /// Towards east.
-    pub x: i32,
-    /// Towards north.
-    pub y: i32,
-    /// Up.
-    pub z: i32,
-}
-
-impl VoxelKey {
-    /// The coordinates a key may have along each axis: those of an `OctoMap` file.
-    pub const RANGE: RangeInclusive<i32> = -32_768..=32_767;
-
-    /// The voxel at these coordinates.
-    pub const fn new(x: i32, y: i32, z: i32) -> Self {
-        Self { x, y, z }
-    }
-
-    /// Whether a map can hold it.
-    pub fn is_in_world(self) -> bool {
-        [self.x, self.y, self.z]
-            .iter()
-            .all(|c| Self::RANGE.contains(c))
-    }
-}
-
-/// A colour, in sRGB.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub struct Rgb(pub [u8; 3]);
-
-/// What is known of a place.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum Occupancy {
-    /// No ray has come by.
-    Unknown,
-    /// Rays passed through.
-    Free,
-    /// Something is there.
-    Occupied,
-}
-
-/// The logarithm of the odds that a voxel is occupied, in steps of 0.05.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct LogOdds(pub i8);
-
-impl LogOdds {
-    /// What the end of a ray adds: probability 0.7.
-    pub const HIT: Self = Self(17);
-    /// What a passing ray adds: probability 0.4.
-    pub const MISS: Self = Self(-8);
-    /// The least it may be, so that a voxel can change its mind: probability 0.12.
-    pub const MIN: Self = Self(-40);
-    /// The most it may be: probability 0.97.
-    pub const MAX: Self = Self(70);
-    /// What one step is worth.
-    pub const STEP: f64 = 0.05;
-
-    /// The value itself.
-    pub fn value(self) -> f64 {
-        f64::from(self.0) * Self::STEP
-    }
-
-    /// The nearest to `value` that a voxel can hold; NaN gives even odds.
-    pub fn nearest(value: f64) -> Self {
-        let steps = (value / Self::STEP).round() as i8; // saturates; NaN becomes 0
-        Self(steps).clamped()
-    }
-
-    /// Within what a voxel can hold.
-    #[must_use]
-    pub fn clamped(self) -> Self {
-        self.clamp(Self::MIN, Self::MAX)
-    }
-
-    /// The probability of being occupied.
-    pub fn probability(self) -> f64 {
-        1.0 - 1.0 / (1.0 + self.value().exp())
-    }
-
-    /// Whether occupied is more likely than free; even odds count as free.
-    pub fn is_occupied(self) -> bool {
-        self.0 > 0
-    }
-}
-
-/// A known voxel.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub struct Voxel {
-    /// How likely it is occupied.
-    pub log_odds: LogOdds,
-    /// The colour of its surface, of which the map keeps five bits a channel; `None` where free or never seen in colour.
-    pub color: Option<Rgb>,
-}
-
-impl Voxel {
-    /// Free or occupied.
-    pub fn occupancy(self) -> Occupancy {
-        if self.log_odds.is_occupied() {
-            Occupancy::Occupied
-        } else {
-            Occupancy::Free
-        }
-    }
-}
+pub use value::{ClassId, LogOdds, Occupancy, Rgb, Seen, Sources, Voxel, VoxelKey};
 
 /// A hash of everything that is known: maps are equal if and only if (but for one chance in 2⁶⁴) their digests are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
@@ -232,7 +136,16 @@ impl VoxelMap {
         self.voxel(key).map_or(Occupancy::Unknown, Voxel::occupancy)
     }
 
-    /// Overwrites one voxel, its log-odds clamped; a free voxel keeps no colour. Does nothing outside of the world.
+    /// When a voxel was last seen, and by whom; `None` if it is unknown. Of a free voxel, the answer is that of its slice.
+    pub fn seen(&self, key: VoxelKey) -> Option<Seen> {
+        self.tiles
+            .get(TileId::of(key))?
+            .block(grid::block_index(key))?
+            .seen(grid::voxel_index(key))
+    }
+
+    /// Overwrites one voxel, its log-odds clamped; a free voxel keeps no colour and no class. When it was seen stays as it
+    /// was. Does nothing outside of the world.
     pub fn set_voxel(&mut self, key: VoxelKey, voxel: Voxel) {
         if !key.is_in_world() {
             return;

@@ -11,7 +11,7 @@ use maps::frame::{Camera, Isometry, World};
 use maps::scan::Scan;
 use maps::tile::Tile;
 use maps::time::Stamp;
-use maps::voxel::{MapDigest, Rgb, VoxelMap};
+use maps::voxel::{MapDigest, Rgb, Sources, VoxelMap};
 use slam::{DenseKeyframe, FrameError, Slam, Tracked};
 
 use crate::config::MappingSettings;
@@ -121,10 +121,11 @@ impl Mapper {
             let hits: Vec<_> = keyframe.points.iter().map(place).collect();
             let colors: Vec<Rgb> = keyframe.points.iter().map(|&(_, c)| Rgb(c)).collect();
             self.map.insert_scan(&Scan {
-                origin: keyframe.world_from_camera.translation(),
-                hits: &hits,
                 colors: &colors,
                 max_range_m: self.max_range_m,
+                at: keyframe.at,
+                source: Sources::UAV,
+                ..Scan::new(keyframe.world_from_camera.translation(), &hits)
             });
         }
     }

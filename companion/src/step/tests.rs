@@ -371,10 +371,9 @@ fn changed_tiles(count: i32) -> (VoxelMap, TilesChanged) {
     let colors = vec![Rgb([200, 100, 50]); hits.len()];
     for origin in [Point::new(1.0, 1.0, 2.0), Point::new(2.0, 2.0, 2.0)] {
         map.insert_scan(&maps::scan::Scan {
-            origin,
-            hits: &hits,
             colors: &colors,
             max_range_m: 100.0,
+            ..maps::scan::Scan::new(origin, &hits)
         });
     }
     let ids: Vec<TileId> = map.take_changed_tiles();

@@ -383,14 +383,8 @@ mod tests {
 
     use super::*;
 
-    const SOLID: Voxel = Voxel {
-        log_odds: LogOdds(70),
-        color: None,
-    };
-    const FREE: Voxel = Voxel {
-        log_odds: LogOdds(-40),
-        color: None,
-    };
+    const SOLID: Voxel = Voxel::new(LogOdds(70));
+    const FREE: Voxel = Voxel::new(LogOdds(-40));
     const ORIGIN: TileId = TileId { x: 0, y: 0, z: 0 };
 
     fn key([x, y, z]: [i32; 3]) -> VoxelKey {
@@ -550,8 +544,8 @@ mod tests {
         map.set_voxel(
             key([0, 0, 0]),
             Voxel {
-                log_odds: LogOdds(35),
                 color: Some(color),
+                ..Voxel::new(LogOdds(35))
             },
         );
         let mesh = mesh_tile(&map, ORIGIN, None).expect("known");

@@ -231,8 +231,8 @@ mod tests {
         for x in -10..10 {
             for y in -10..10 {
                 let voxel = Voxel {
-                    log_odds: LogOdds(70),
                     color: Some(Rgb(RED)),
+                    ..Voxel::new(LogOdds(70))
                 };
                 map.set_voxel(VoxelKey { x, y, z: -1 }, voxel);
             }
@@ -292,8 +292,8 @@ mod tests {
                     map.set_voxel(
                         VoxelKey { x, y, z },
                         Voxel {
-                            log_odds: LogOdds(70),
                             color: Some(Rgb(rgb)),
+                            ..Voxel::new(LogOdds(70))
                         },
                     );
                 }
@@ -350,10 +350,7 @@ mod tests {
                     },
                 );
                 for z in 0..5 {
-                    let free = Voxel {
-                        log_odds: LogOdds(-40),
-                        color: None,
-                    };
+                    let free = Voxel::new(LogOdds(-40));
                     map.set_voxel(VoxelKey { x, y, z }, free);
                 }
             }

@@ -100,14 +100,8 @@ mod tests {
 
     use super::*;
 
-    const OCCUPIED: Voxel = Voxel {
-        log_odds: LogOdds(70),
-        color: None,
-    };
-    const FREE: Voxel = Voxel {
-        log_odds: LogOdds(-40),
-        color: None,
-    };
+    const OCCUPIED: Voxel = Voxel::new(LogOdds(70));
+    const FREE: Voxel = Voxel::new(LogOdds(-40));
 
     /// A pillar of ten voxels of 0.1 m on the ground, at the origin, with free space to the west of it.
     fn pillar() -> VoxelMap {

@@ -394,10 +394,7 @@ mod tests {
 
     use super::*;
 
-    const SOLID: Voxel = Voxel {
-        log_odds: LogOdds(70),
-        color: None,
-    };
+    const SOLID: Voxel = Voxel::new(LogOdds(70));
     const ORIGIN: TileId = TileId { x: 0, y: 0, z: 0 };
     const EAST: TileId = TileId { x: 1, y: 0, z: 0 };
 
@@ -529,7 +526,7 @@ mod tests {
             let (mut map, mut scene) = (VoxelMap::new(0.1), Scene::default());
             for ([x, y, z], is_solid) in steps {
                 let log_odds = LogOdds(if is_solid { 70 } else { -40 });
-                map.set_voxel(VoxelKey { x, y, z }, Voxel { log_odds, color: None });
+                map.set_voxel(VoxelKey { x, y, z }, Voxel::new(log_odds));
                 let changed = map.take_changed_tiles();
                 scene.update_map(&map, &changed);
             }

@@ -645,10 +645,9 @@ fn floor() -> VoxelMap {
         .collect();
     let colors = vec![Rgb([90, 120, 150]); hits.len()];
     map.insert_scan(&Scan {
-        origin: Point::new(0.0, 0.0, 1.5),
-        hits: &hits,
         colors: &colors,
         max_range_m: 10.0,
+        ..Scan::new(Point::new(0.0, 0.0, 1.5), &hits)
     });
     map
 }

@@ -14,7 +14,7 @@
 //! use maps::voxel::{LogOdds, Voxel, VoxelKey, VoxelMap};
 //!
 //! let mut map = VoxelMap::new(0.05);
-//! map.set_voxel(VoxelKey::new(1, 2, 3), Voxel { log_odds: LogOdds::HIT, color: None });
+//! map.set_voxel(VoxelKey::new(1, 2, 3), Voxel::new(LogOdds::HIT));
 //! let mut file = Vec::new();
 //! octomap::write_ot(&map, &mut file)?;
 //! assert_eq!(octomap::read_ot(&file[..])?.digest(), map.digest());

@@ -156,10 +156,7 @@ impl<R: BufRead> Tree<R> {
             return Err(ReadError::TooLarge);
         }
         let [x, y, z] = at.map(|c| (c << levels) + VoxelKey::RANGE.start());
-        let voxel = Voxel {
-            log_odds,
-            color: None,
-        };
+        let voxel = Voxel::new(log_odds);
         let edge = 1 << levels;
         for dz in 0..edge {
             for dy in 0..edge {

@@ -22,13 +22,7 @@ fn any_map() -> impl Strategy<Value = VoxelMap> {
             let mut map = VoxelMap::new(resolution_m);
             let mut set = |key, steps| {
                 let log_odds = LogOdds(steps);
-                map.set_voxel(
-                    key,
-                    Voxel {
-                        log_odds,
-                        color: None,
-                    },
-                );
+                map.set_voxel(key, Voxel::new(log_odds));
             };
             for ([x, y, z], level, steps) in boxes {
                 let edge = 1 << level;
@@ -114,13 +108,7 @@ fn our_files_are_pruned_as_far_as_liboctomap_prunes() {
     let mut map = VoxelMap::new(0.1);
     for i in 0..16 * 16 * 16 {
         let key = VoxelKey::new(i & 15, i >> 4 & 15, i >> 8);
-        map.set_voxel(
-            key,
-            Voxel {
-                log_odds: LogOdds::MIN,
-                color: None,
-            },
-        );
+        map.set_voxel(key, Voxel::new(LogOdds::MIN));
     }
     let folder = tempfile::tempdir().expect("a folder");
     let (ot, bt) = write(&map, folder.path());
@@ -190,10 +178,8 @@ fn one_scan_leaves_the_voxels_that_liboctomap_leaves() {
         .collect();
     judge.insert_scan(origin, &hits);
     map.insert_scan(&Scan {
-        origin,
-        hits: &hits,
-        colors: &[],
         max_range_m: 100.0,
+        ..Scan::new(origin, &hits)
     });
     assert_eq!(map.occupied_count() as u64, judge.occupied_count());
     let different = map

@@ -175,8 +175,8 @@ mod tests {
                     map.set_voxel(
                         key,
                         Voxel {
-                            log_odds: LogOdds(steps),
                             color: color.map(Rgb),
+                            ..Voxel::new(LogOdds(steps))
                         },
                     );
                 }
@@ -212,10 +212,9 @@ mod tests {
                 .map(|p| Rgb([p.raw.x, p.raw.y, p.raw.z].map(|c| (c * 40.0) as u8)))
                 .collect();
             map.insert_scan(&Scan {
-                origin,
-                hits: &hits,
                 colors: &colors,
                 max_range_m: 10.0,
+                ..Scan::new(origin, &hits)
             });
         }
         map

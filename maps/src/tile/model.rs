@@ -2,7 +2,8 @@
 
 use super::range_coder::{Bit, Coder};
 use crate::voxel::LogOdds;
-use crate::voxel::block::{Block, PackedColor, VOLUME};
+use crate::voxel::block::{Block, VOLUME};
+use crate::voxel::surface::PackedColor;
 
 /// A tile and a border around it, so that every voxel has neighbours.
 const SIDE: usize = 128 + 2;

@@ -1,11 +1,12 @@
-//! A cube of 8³ voxels: one byte of log-odds and two bits, *known* and *occupied*, a voxel; colours where there are any.
+//! A cube of 8³ voxels: one byte of log-odds and two bits, *known* and *occupied*, a voxel; surfaces where it is occupied.
 //!
 //! Invariants, which make equal content equal bytes: an unknown voxel has log-odds 0; `occupied` is `log_odds > 0`;
-//! `colors` is empty if no voxel has a colour, else it holds one entry for each occupied voxel in order.
+//! `surfaces` holds one entry for each occupied voxel in order.
 
 use xxhash_rust::xxh3::Xxh3Default;
 
-use super::{LogOdds, Rgb, Voxel};
+use super::surface::{PackedColor, PackedSeen, Surface};
+use super::{ClassId, LogOdds, Seen, Voxel};
 
 /// Voxels along an edge of a block.
 pub(crate) const EDGE: usize = 8;
@@ -18,63 +19,24 @@ pub(crate) type Mask = [u64; EDGE];
 /// No voxel.
 pub(crate) const NONE: Mask = [0; EDGE];
 
-/// A colour with five bits a channel; zero is no colour.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub(crate) struct PackedColor(u16);
-
-impl PackedColor {
-    pub(crate) const NONE: Self = Self(0);
-    const PRESENT: u16 = 0x8000;
-
-    pub(crate) fn from_channels([r, g, b]: [u8; 3]) -> Self {
-        let channel = |c: u8| u16::from(c & 31);
-        Self(Self::PRESENT | channel(r) << 10 | channel(g) << 5 | channel(b))
-    }
-
-    pub(crate) fn channels(self) -> Option<[u8; 3]> {
-        (self != Self::NONE).then(|| [10, 5, 0].map(|shift| (self.0 >> shift) as u8 & 31))
-    }
-
-    /// Halfway to `new` if that differs by more than noise: the colours of what is seen again and again must come to
-    /// rest, or every tile in view would change with every scan.
-    fn towards(self, new: Self) -> Self {
-        const NOISE: u8 = 2;
-        let (Some(old), Some(seen)) = (self.channels(), new.channels()) else {
-            return new;
-        };
-        if old
-            .iter()
-            .zip(seen)
-            .all(|(old, seen)| old.abs_diff(seen) <= NOISE)
-        {
-            return self;
-        }
-        Self::from_channels(std::array::from_fn(|i| {
-            (old[i] + seen[i] + u8::from(seen[i] > old[i])) / 2
-        }))
-    }
-}
-
-impl From<Rgb> for PackedColor {
-    fn from(Rgb(channels): Rgb) -> Self {
-        Self::from_channels(channels.map(|c| c >> 3))
-    }
-}
-
-impl From<PackedColor> for Option<Rgb> {
-    fn from(color: PackedColor) -> Self {
-        let channels = color.channels()?;
-        Some(Rgb(channels.map(|c| c << 3 | c >> 2)))
-    }
-}
-
-/// A cube of 8³ voxels.
-#[derive(Clone, Debug, PartialEq, Eq)]
+/// A cube of 8³ voxels. Equal if the content is: when and by whom it was seen does not count.
+#[derive(Clone, Debug)]
 pub(crate) struct Block {
     known: Mask,
     occupied: Mask,
     log_odds: [i8; VOLUME],
-    colors: Vec<PackedColor>,
+    /// When the free voxels of each slice were last seen.
+    free_seen: [PackedSeen; EDGE],
+    surfaces: Vec<Surface>,
+}
+
+impl PartialEq for Block {
+    fn eq(&self, other: &Self) -> bool {
+        let pairs = || self.surfaces.iter().zip(&other.surfaces);
+        self.known == other.known
+            && self.log_odds == other.log_odds
+            && pairs().all(|(one, other)| one.is_same(*other))
+    }
 }
 
 impl Block {
@@ -82,7 +44,8 @@ impl Block {
         known: NONE,
         occupied: NONE,
         log_odds: [0; VOLUME],
-        colors: Vec::new(),
+        free_seen: [PackedSeen::NEVER; EDGE],
+        surfaces: Vec::new(),
     };
 
     /// The block of these voxels; a colour counts where its voxel is occupied.
@@ -98,13 +61,19 @@ impl Block {
                 put(&mut block.occupied, index, log_odds.is_occupied());
             }
         }
-        block.colors = ones(&block.occupied).map(|index| colors[index]).collect();
-        block.drop_empty_colors();
+        block.surfaces = ones(&block.occupied)
+            .map(|index| Surface::new(colors[index], ClassId::NONE))
+            .collect();
         block
     }
 
     pub(crate) fn is_colored(&self) -> bool {
-        !self.colors.is_empty()
+        self.surfaces.iter().any(|s| s.color != PackedColor::NONE)
+    }
+
+    /// Whether any voxel has a class.
+    pub(crate) fn is_classified(&self) -> bool {
+        self.surfaces.iter().any(|s| s.class != ClassId::NONE)
     }
 
     pub(crate) fn known_mask(&self) -> &Mask {
@@ -136,40 +105,58 @@ impl Block {
         has(&self.known, index).then(|| LogOdds(self.log_odds[index]))
     }
 
+    /// What is kept of a voxel that is occupied.
+    pub(crate) fn surface(&self, index: usize) -> Option<&Surface> {
+        has(&self.occupied, index).then(|| &self.surfaces[rank(&self.occupied, index)])
+    }
+
+    pub(crate) fn surface_mut(&mut self, index: usize) -> Option<&mut Surface> {
+        has(&self.occupied, index).then(|| &mut self.surfaces[rank(&self.occupied, index)])
+    }
+
     pub(crate) fn color(&self, index: usize) -> PackedColor {
-        if self.colors.is_empty() || !has(&self.occupied, index) {
-            return PackedColor::NONE;
-        }
-        self.colors[rank(&self.occupied, index)]
+        self.surface(index)
+            .map_or(PackedColor::NONE, |surface| surface.color)
     }
 
     pub(crate) fn voxel(&self, index: usize) -> Option<Voxel> {
         let log_odds = self.log_odds(index)?;
+        let surface = self.surface(index).copied().unwrap_or_default();
         Some(Voxel {
             log_odds,
-            color: self.color(index).into(),
+            color: surface.color.into(),
+            class: surface.class,
         })
+    }
+
+    /// When and by whom a known voxel was seen.
+    pub(crate) fn seen(&self, index: usize) -> Option<Seen> {
+        let slice = self.free_seen[index / 64];
+        let seen = self.surface(index).map_or(slice, |surface| surface.seen);
+        has(&self.known, index).then(|| seen.into())
     }
 
     /// Overwrites one voxel; whether that changed anything.
     pub(crate) fn set(&mut self, index: usize, voxel: Voxel) -> bool {
-        let voxel = Voxel {
-            log_odds: voxel.log_odds.clamped(),
-            color: voxel.color.filter(|_| voxel.log_odds.is_occupied()),
-        };
+        let log_odds = voxel.log_odds.clamped();
         let before = self.voxel(index);
         let occupied = self.occupied;
-        self.log_odds[index] = voxel.log_odds.0;
+        self.log_odds[index] = log_odds.0;
         put(&mut self.known, index, true);
-        put(&mut self.occupied, index, voxel.log_odds.is_occupied());
-        self.realign_colors(&occupied);
-        self.set_color(index, voxel.color.map_or(PackedColor::NONE, Into::into));
+        put(&mut self.occupied, index, log_odds.is_occupied());
+        self.realign_surfaces(&occupied);
+        if let Some(surface) = self.surface_mut(index) {
+            surface.set(
+                voxel.color.map_or(PackedColor::NONE, Into::into),
+                voxel.class,
+            );
+        }
         before != self.voxel(index)
     }
 
     /// One update a voxel: those in `hit` have the end of a ray in them, the others in `free` have rays passing.
-    /// Whether that changed anything.
-    pub(crate) fn update(&mut self, free: &Mask, hit: &Mask) -> bool {
+    /// Whether that changed any content.
+    pub(crate) fn update(&mut self, free: &Mask, hit: &Mask, seen: PackedSeen) -> bool {
         let known = self.known;
         let occupied = self.occupied;
         let mut moved = 0;
@@ -188,31 +175,17 @@ impl Block {
                 *value = new;
             }
             self.occupied[z] = positive(slice);
-        }
-        self.realign_colors(&occupied);
-        moved != 0 || known != self.known
-    }
-
-    /// Moves the colour of an occupied voxel towards one that was seen; whether that changed it.
-    pub(crate) fn see_color(&mut self, index: usize, seen: PackedColor) -> bool {
-        let before = self.color(index);
-        self.set_color(index, before.towards(seen));
-        before != self.color(index)
-    }
-
-    /// Gives an occupied voxel this colour, or none. Nothing happens to one that is not occupied.
-    pub(crate) fn set_color(&mut self, index: usize, color: PackedColor) {
-        if !has(&self.occupied, index) {
-            return;
-        }
-        if self.colors.is_empty() {
-            if color == PackedColor::NONE {
-                return;
+            if free & !self.occupied[z] != 0 {
+                self.free_seen[z] = self.free_seen[z].and(seen);
             }
-            self.colors = vec![PackedColor::NONE; count(&self.occupied)];
         }
-        self.colors[rank(&self.occupied, index)] = color;
-        self.drop_empty_colors();
+        self.realign_surfaces(&occupied);
+        for (index, surface) in ones(&self.occupied).zip(&mut self.surfaces) {
+            if has(free, index) || has(hit, index) {
+                surface.seen = surface.seen.and(seen);
+            }
+        }
+        moved != 0 || known != self.known
     }
 
     /// The least and greatest place `[x, y, z]` of what is known.
@@ -233,37 +206,38 @@ impl Block {
         (!self.is_unknown()).then_some((low, high))
     }
 
-    /// Feeds everything that is known, and where, to a hash.
+    /// Feeds all content, and where it is, to a hash.
     pub(crate) fn hash_into(&self, hash: &mut Xxh3Default) {
         for word in self.known {
             hash.update(&word.to_le_bytes());
         }
         hash.update(&self.log_odds.map(i8::cast_unsigned));
-        for color in &self.colors {
-            hash.update(&color.0.to_le_bytes());
+        hash.update(&[u8::from(self.is_colored()), u8::from(self.is_classified())]);
+        if self.is_colored() {
+            for surface in &self.surfaces {
+                hash.update(&surface.color.to_le_bytes());
+            }
+        }
+        if self.is_classified() {
+            for surface in &self.surfaces {
+                hash.update(&[surface.class.0]);
+            }
         }
     }
 
-    /// Restores the order of the colours after `occupied` changed from what it was.
-    fn realign_colors(&mut self, was: &Mask) {
-        if self.colors.is_empty() || *was == self.occupied {
+    /// Restores the order of the surfaces after `occupied` changed from what it was.
+    fn realign_surfaces(&mut self, was: &Mask) {
+        if *was == self.occupied {
             return;
         }
-        let mut old = ones(was).zip(self.colors.iter().copied()).peekable();
-        self.colors = ones(&self.occupied)
-            .map(|index| {
-                while old.next_if(|(at, _)| *at < index).is_some() {}
-                old.next_if(|(at, _)| *at == index)
-                    .map_or(PackedColor::NONE, |(_, color)| color)
-            })
-            .collect();
-        self.drop_empty_colors();
-    }
-
-    fn drop_empty_colors(&mut self) {
-        if self.colors.iter().all(|c| *c == PackedColor::NONE) {
-            self.colors = Vec::new();
-        }
+        let mut old = ones(was).zip(self.surfaces.iter().copied()).peekable();
+        let mut surfaces = Vec::with_capacity(count(&self.occupied));
+        surfaces.extend(ones(&self.occupied).map(|index| {
+            while old.next_if(|(at, _)| *at < index).is_some() {}
+            old.next_if(|(at, _)| *at == index)
+                .map_or_else(Surface::default, |(_, surface)| surface)
+        }));
+        self.surfaces = surfaces;
     }
 }
 

@@ -5,16 +5,15 @@ use proptest::prelude::*;
 use super::*;
 use crate::frame::Vector;
 use crate::scan::Scan;
+use crate::time::Stamp;
 
 /// Ten voxels a metre.
 const RESOLUTION_M: f64 = 0.1;
 
 fn scan(origin: Point<World>, hits: &[Point<World>]) -> Scan<'_> {
     Scan {
-        origin,
-        hits,
-        colors: &[],
         max_range_m: 30.0,
+        ..Scan::new(origin, hits)
     }
 }
 
@@ -26,9 +25,10 @@ fn any_voxels() -> impl Strategy<Value = Vec<(VoxelKey, Voxel)>> {
     let key = prop::array::uniform3(-200..200).prop_map(|[x, y, z]| VoxelKey::new(x, y, z));
     let color = prop::option::of(prop::array::uniform3(0..32_u8))
         .prop_map(|c| c.map(|c| Rgb(c.map(|c| c << 3 | c >> 2))));
-    let voxel = (-40..=70_i8, color).prop_map(|(steps, color)| Voxel {
+    let voxel = (-40..=70_i8, color, 0..4_u8).prop_map(|(steps, color, class)| Voxel {
         log_odds: LogOdds(steps),
         color: color.filter(|_| steps > 0),
+        class: ClassId(if steps > 0 { class } else { 0 }),
     });
     prop::collection::vec((key, voxel), 0..300)
 }
@@ -131,7 +131,7 @@ proptest! {
         let hits: Vec<_> = hits.into_iter().map(|[x, y, z]| Point::new(x, y, z)).collect();
         for max_range_m in [30.0, 0.0, -1.0, f64::NAN, f64::INFINITY] {
             for origin in [Point::new(origin[0], origin[1], origin[2]), Point::origin()] {
-                map.insert_scan(&Scan { origin, hits: &hits, colors: &[Rgb([1, 2, 3])], max_range_m });
+                map.insert_scan(&Scan { colors: &[Rgb([1, 2, 3])], classes: &[ClassId(4)], max_range_m, ..Scan::new(origin, &hits) });
             }
         }
         prop_assert!(map.known().all(|(key, _)| key.is_in_world()));
@@ -275,13 +275,7 @@ fn the_world_ends_where_an_octomap_ends() {
         Occupancy::Occupied
     );
     assert_eq!(map.occupied_count(), 1);
-    map.set_voxel(
-        VoxelKey::new(32_768, 0, 0),
-        Voxel {
-            log_odds: LogOdds::MAX,
-            color: None,
-        },
-    );
+    map.set_voxel(VoxelKey::new(32_768, 0, 0), Voxel::new(LogOdds::MAX));
     assert_eq!(map.occupied_count(), 1);
 }
 
@@ -347,4 +341,78 @@ fn a_long_way_leaves_nothing_of_earlier_scans_in_later_ones() {
         assert_eq!(map.digest(), other.digest(), "scan {step}");
         assert_eq!(map.tile_ids(), other.tile_ids());
     }
+}
+
+#[test]
+fn a_voxel_remembers_when_it_was_seen_and_by_whom() {
+    let mut map = VoxelMap::new(RESOLUTION_M);
+    let hits = [Point::new(2.05, 0.05, 0.05)];
+    let (wall, way) = (map.key_of(hits[0]), VoxelKey::new(10, 0, 0));
+    let seen = |map: &VoxelMap, key| map.seen(key).map(|s| (s.at.as_secs_f64(), s.sources));
+    let see = |map: &mut VoxelMap, source, seconds: f64| {
+        map.insert_scan(&Scan {
+            source,
+            at: Stamp::from_secs_f64(seconds).expect("a moment"),
+            ..scan(Point::new(0.05, 0.05, 0.05), &hits)
+        });
+    };
+    assert_eq!(seen(&map, wall), None, "unknown");
+    // As recordings count time: from 1970.
+    see(&mut map, Sources::UAV, 1_780_000_000.02);
+    for key in [wall, way] {
+        assert_eq!(seen(&map, key), Some((1_780_000_000.0, Sources::UAV)));
+    }
+    let digest = map.digest();
+    for _ in 0..8 {
+        see(&mut map, Sources::UGV, 1_780_000_001.25);
+    }
+    map.take_changed_tiles();
+    see(&mut map, Sources::UGV, 1_780_000_002.5);
+    assert_eq!(map.take_changed_tiles(), [], "nothing new");
+    // A scan that comes late does not turn the clock back.
+    see(&mut map, Sources::UGV, 1_780_000_001.5);
+    for key in [wall, way] {
+        let both = Sources::UAV | Sources::UGV;
+        assert_eq!(seen(&map, key), Some((1_780_000_002.5, both)));
+    }
+    assert_ne!(digest, map.digest(), "the voxels have become surer");
+}
+
+#[test]
+fn the_class_that_most_scans_and_most_points_see_wins() {
+    let mut map = VoxelMap::new(RESOLUTION_M);
+    let hits = [
+        Point::new(2.05, 0.05, 0.05),
+        Point::new(2.06, 0.05, 0.05),
+        Point::new(2.07, 0.05, 0.05),
+        Point::new(2.05, 0.55, 0.05),
+    ];
+    let classes =
+        |map: &VoxelMap| [0, 3].map(|i| map.voxel(map.key_of(hits[i])).map(|v| v.class.0));
+    let see = |map: &mut VoxelMap, classes: &[u8]| {
+        let classes: Vec<_> = classes.iter().map(|c| ClassId(*c)).collect();
+        map.insert_scan(&Scan {
+            classes: &classes,
+            ..scan(Point::origin(), &hits)
+        });
+    };
+    see(&mut map, &[7, 3, 3]);
+    assert_eq!(classes(&map), [Some(3), Some(0)], "most points");
+    see(&mut map, &[7, 3, 0, 9]);
+    assert_eq!(classes(&map), [Some(3), Some(9)], "ties go to the lowest");
+    see(&mut map, &[7, 7, 7]);
+    assert_eq!(classes(&map), [Some(3), Some(9)], "one against two");
+    see(&mut map, &[7, 7, 7]);
+    assert_eq!(classes(&map), [Some(7), Some(9)]);
+    map.take_changed_tiles();
+    let digest = map.digest();
+    for _ in 0..5 {
+        see(&mut map, &[7, 7, 7]);
+    }
+    assert_eq!(classes(&map), [Some(7), Some(9)]);
+    assert_ne!(digest, map.digest());
+    let removed = Voxel::new(LogOdds::MIN);
+    let key = map.key_of(hits[0]);
+    map.set_voxel(key, removed);
+    assert_eq!(map.voxel(key), Some(removed), "free space has no class");
 }

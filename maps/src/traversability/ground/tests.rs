@@ -5,14 +5,8 @@ use rand_pcg::Pcg64;
 use super::*;
 use crate::voxel::{LogOdds, Voxel, VoxelKey};
 
-const OCCUPIED: Voxel = Voxel {
-    log_odds: LogOdds::MAX,
-    color: None,
-};
-const FREE: Voxel = Voxel {
-    log_odds: LogOdds::MIN,
-    color: None,
-};
+const OCCUPIED: Voxel = Voxel::new(LogOdds::MAX);
+const FREE: Voxel = Voxel::new(LogOdds::MIN);
 const RESOLUTION_M: f64 = 0.05;
 
 /// A map whose floor is at key 0 where `floor` gives a height, in voxels.
