@@ -8,23 +8,36 @@
 //! - D. Dolgov, S. Thrun, M. Montemerlo, J. Diebel, *Path planning for autonomous vehicles in unknown semi-structured
 //!   environments*, IJRR 29 (5), 2010.
 //!
+//! [`plan`] gives one path at once; [`Planning`] gives a first one quickly and better ones as long as it is asked, to the
+//! nearest of several goals; [`plan_tour`] visits all of them; a [`Planner`] keeps its path while the map changes and repairs
+//! what has become blocked. Effort is counted in poses, never in time.
+//!
 //! The same arguments give the same path, bit by bit, on the same machine.
 
+mod anytime;
 mod cost;
+mod error;
 mod field;
 mod footprint;
 mod goal;
 mod motion;
+mod path;
 mod reeds_shepp;
+mod replan;
 mod search;
 mod smooth;
+mod stops;
+mod tour;
 
+pub use anytime::{Planning, Progress};
+pub use error::{End, Obstacle, PlanError};
 pub use motion::{Gear, Pose2};
+pub use path::{Path, Waypoint};
+pub use replan::{Planner, Update};
+pub use stops::{Speeds, Stop};
+pub use tour::{Tour, plan_tour};
 
 use crate::traversability::{Traversability, Vehicle};
-use cost::CostModel;
-use footprint::{Checker, Footprint, Margins};
-use motion::Motion;
 
 /// Where a path shall end.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -106,149 +119,7 @@ impl Default for PlanLimits {
     }
 }
 
-/// A pose on a path.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Waypoint {
-    /// Where the middle of the rear axle shall be.
-    pub pose: Pose2,
-    /// The gear in which the vehicle arrives here; at the first waypoint, in which it leaves.
-    pub gear: Gear,
-}
-
-/// A drivable path.
-#[derive(Clone, Debug, PartialEq)]
-pub struct Path {
-    /// From the start to the goal, evenly spaced between changes of gear, each of which has one. A path that begins at its
-    /// goal has one waypoint.
-    pub waypoints: Vec<Waypoint>,
-    /// Length of the drive.
-    pub length_m: f64,
-    /// Least distance from the footprint to a blocked cell on the whole path, to 2 mm; infinite where nothing is blocked.
-    pub min_clearance_m: f64,
-}
-
-impl Path {
-    /// How often the gear changes on the way.
-    pub fn gear_changes(&self) -> usize {
-        self.waypoints
-            .windows(2)
-            .filter(|pair| pair[0].gear != pair[1].gear)
-            .count()
-    }
-}
-
-/// Which end of the path an error is about.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum End {
-    /// Where the vehicle stands.
-    Start,
-    /// Where it shall go.
-    Goal,
-}
-
-impl std::fmt::Display for End {
-    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
-        f.write_str(match self {
-            Self::Start => "start",
-            Self::Goal => "goal",
-        })
-    }
-}
-
-/// Why there is no path.
-#[derive(Clone, Debug, PartialEq, thiserror::Error)]
-pub enum PlanError {
-    /// An argument is not finite or out of range.
-    #[error("cannot plan with {what} = {value}")]
-    Invalid {
-        /// Name of the argument.
-        what: &'static str,
-        /// Its value.
-        value: f64,
-    },
-    /// The place is not on the grid.
-    #[error(
-        "the {end} ({x_m:.2}, {y_m:.2}) m is outside the map, which spans x {west_m:.2}..{east_m:.2} m and y {south_m:.2}..{north_m:.2} m"
-    )]
-    Outside {
-        /// Which end.
-        end: End,
-        /// East.
-        x_m: f64,
-        /// North.
-        y_m: f64,
-        /// Western edge of the map.
-        west_m: f64,
-        /// Eastern edge of the map.
-        east_m: f64,
-        /// Southern edge of the map.
-        south_m: f64,
-        /// Northern edge of the map.
-        north_m: f64,
-    },
-    /// The footprint overlaps something blocked, in every heading that was asked for.
-    #[error(
-        "the {end} ({x_m:.2}, {y_m:.2}) m is blocked: {distance_m:.2} m to the nearest obstacle, the vehicle needs {needed_m:.2} m around its middle"
-    )]
-    Blocked {
-        /// Which end.
-        end: End,
-        /// East.
-        x_m: f64,
-        /// North.
-        y_m: f64,
-        /// From the middle of the footprint to the nearest blocked cell.
-        distance_m: f64,
-        /// Half the vehicle's width and the clearance.
-        needed_m: f64,
-    },
-    /// The goal is free but nearer to something blocked than allowed.
-    #[error(
-        "the goal ({x_m:.2}, {y_m:.2}) m leaves {clearance_m:.2} m between the vehicle and an obstacle, {needed_m:.2} m are required"
-    )]
-    GoalTooClose {
-        /// East.
-        x_m: f64,
-        /// North.
-        y_m: f64,
-        /// Largest clearance of the footprint there over the headings asked for.
-        clearance_m: f64,
-        /// Clearance required, with the pad for the steps of the collision check.
-        needed_m: f64,
-    },
-    /// Unknown ground would be under the vehicle.
-    #[error(
-        "the ground at the goal ({x_m:.2}, {y_m:.2}) m is unknown; the nearest known ground is {known_m:.2} m away"
-    )]
-    GoalUnknown {
-        /// East.
-        x_m: f64,
-        /// North.
-        y_m: f64,
-        /// Distance to the nearest drivable cell; infinite if there is none.
-        known_m: f64,
-    },
-    /// Every pose within reach was tried.
-    #[error(
-        "no path: the vehicle comes no nearer than {nearest_m:.2} m to the goal ({expansions} poses tried)"
-    )]
-    NoPath {
-        /// Poses expanded.
-        expansions: usize,
-        /// Least distance to the goal that can be reached.
-        nearest_m: f64,
-    },
-    /// The budget was used up first.
-    #[error("gave up after {expansions} poses, {nearest_m:.2} m from the goal; a path may exist")]
-    BudgetExhausted {
-        /// Poses expanded.
-        expansions: usize,
-        /// Least distance to the goal so far.
-        nearest_m: f64,
-    },
-}
-
-/// A path for `vehicle` from `start` to `goal`.
+/// A path for `vehicle` from `start` to `goal`: the first that is found, improved with as much effort again.
 pub fn plan(
     grid: &Traversability,
     vehicle: &Vehicle,
@@ -256,48 +127,15 @@ pub fn plan(
     goal: Goal,
     limits: &PlanLimits,
 ) -> Result<Path, PlanError> {
-    validate(vehicle, &start, &goal, limits)?;
-    let footprint = Footprint::new(vehicle);
-    let margins = Margins {
-        clearance_m: limits.clearance_m,
-        cross_unknown: matches!(limits.unknown, Unknown::Cross { .. }),
-    };
-    let checker = Checker::new(grid, footprint, start, margins);
-    let needed_m = footprint.inradius() + limits.clearance_m;
-    goal::check_inside(grid, End::Start, start.x_m, start.y_m)?;
-    if !checker.is_free(&start) {
-        let [x, y] = footprint.center(&start);
-        return Err(PlanError::Blocked {
-            end: End::Start,
-            x_m: start.x_m,
-            y_m: start.y_m,
-            distance_m: grid.clearance_m(x, y),
-            needed_m,
-        });
-    }
-    let goals = goal::settle(&checker, &goal, needed_m)?;
-    let costs = CostModel::new(grid, &footprint, limits);
-    let problem = search::Problem {
-        checker: &checker,
-        costs: &costs,
-        radius_m: vehicle.min_turning_radius_m,
-        start,
-        goals: &goals,
-    };
-    let found = search::search(&problem, limits.max_expansions)?;
-    let motions = smooth::shorten(&problem, found);
-    Ok(sampled(
-        &checker,
-        &start,
-        &motions,
-        limits.waypoint_spacing_m,
-    ))
+    let mut planning = Planning::new(grid, vehicle, start, &[goal], limits)?;
+    planning.find(limits.max_expansions);
+    planning.into_path()
 }
 
 fn validate(
     vehicle: &Vehicle,
     start: &Pose2,
-    goal: &Goal,
+    goals: &[Goal],
     limits: &PlanLimits,
 ) -> Result<(), PlanError> {
     let unknown_cost = match limits.unknown {
@@ -315,7 +153,6 @@ fn validate(
         ("clearance_m", limits.clearance_m),
         ("preferred_clearance_m", limits.preferred_clearance_m),
         ("gear_change_m", limits.gear_change_m),
-        ("tolerance_m", goal.tolerance_m),
         ("unknown cost", unknown_cost),
         ("reverse_factor - 1", limits.reverse_factor - 1.0),
     ];
@@ -323,76 +160,27 @@ fn validate(
         ("start x_m", start.x_m),
         ("start y_m", start.y_m),
         ("start heading_rad", start.heading_rad),
-        ("goal x_m", goal.x_m),
-        ("goal y_m", goal.y_m),
-        ("goal heading_rad", goal.heading_rad.unwrap_or(0.0)),
     ];
+    let wrong_goal = goals.iter().find_map(|goal| {
+        let finite = [
+            ("goal x_m", goal.x_m),
+            ("goal y_m", goal.y_m),
+            ("goal heading_rad", goal.heading_rad.unwrap_or(0.0)),
+        ];
+        let wrong = finite.into_iter().find(|(_, v)| !v.is_finite());
+        let tolerance_m = goal.tolerance_m;
+        let is_wrong = !(tolerance_m.is_finite() && tolerance_m >= 0.0);
+        wrong.or(is_wrong.then_some(("tolerance_m", tolerance_m)))
+    });
     let wrong = (positive.iter().find(|(_, v)| !(v.is_finite() && *v > 0.0)))
         .or_else(|| (not_negative.iter()).find(|(_, v)| !(v.is_finite() && *v >= 0.0)))
-        .or_else(|| finite.iter().find(|(_, v)| !v.is_finite()));
+        .or_else(|| finite.iter().find(|(_, v)| !v.is_finite()))
+        .or(wrong_goal.as_ref());
     match wrong {
         Some(&(what, value)) => Err(PlanError::Invalid { what, value }),
         None => Ok(()),
     }
 }
-
-/// The waypoints along `motions` and what a path tells of itself.
-fn sampled(checker: &Checker<'_>, start: &Pose2, motions: &[Motion], spacing_m: f64) -> Path {
-    let mut path = Path {
-        waypoints: vec![Waypoint {
-            pose: *start,
-            gear: motions.first().map_or(Gear::Forward, Motion::gear),
-        }],
-        length_m: motions.iter().map(Motion::length_m).sum(),
-        min_clearance_m: checker.clearance_m(start, f64::INFINITY),
-    };
-    let mut pose = *start;
-    for run in motions.chunk_by(|a, b| a.gear() == b.gear()) {
-        let length: f64 = run.iter().map(Motion::length_m).sum();
-        let apart = length / (length / spacing_m).ceil().max(1.0);
-        // Distance along the run at which the current motion begins, and of the last waypoint.
-        let (mut begun, mut last) = (0.0, 0.0);
-        for motion in run {
-            let end = begun + motion.length_m();
-            // The end of the run has its own waypoint, below.
-            while last + apart <= end && last + 1.5 * apart < length {
-                last += apart;
-                path.waypoints.push(Waypoint {
-                    pose: motion.at(&pose, last - begun),
-                    gear: motion.gear(),
-                });
-            }
-            path.min_clearance_m = least_clearance(checker, &pose, motion, path.min_clearance_m);
-            pose = motion.end(&pose);
-            begun = end;
-        }
-        if let Some(motion) = run.last() {
-            path.waypoints.push(Waypoint {
-                pose,
-                gear: motion.gear(),
-            });
-        }
-    }
-    path
-}
-
-/// The least clearance along a motion, to [`FINE_M`], or `least_m` if that is less. Where there is more than that, the next
-/// place to look at is as far as no corner can come nearer.
-fn least_clearance(checker: &Checker<'_>, from: &Pose2, motion: &Motion, least_m: f64) -> f64 {
-    let (mut least, mut driven) = (least_m, 0.0);
-    let mut spare = checker.clearance_m(from, f64::INFINITY) - least;
-    while driven < motion.length_m() {
-        let step = (spare / checker.footprint.sweep()).max(FINE_M / checker.footprint.sweep());
-        driven = (driven + step).min(motion.length_m());
-        let clearance = checker.clearance_m(&motion.at(from, driven), f64::INFINITY);
-        least = least.min(clearance);
-        spare = clearance - least;
-    }
-    least
-}
-
-/// How exact the clearance of a path is.
-const FINE_M: f64 = 0.004;
 
 #[cfg(test)]
 mod tests;

@@ -3,13 +3,18 @@
 //! Every cell of a 2-D grid at the map's resolution is *drivable*, with the height of its ground and a cost, *blocked* (a
 //! step, a slope, an obstacle in the height band of the vehicle) or *unknown* (no ground was seen). What hangs higher
 //! over the ground than the vehicle is tall does not hinder: a table, a bridge, a ceiling. One surface means that a bridge
-//! is driven under, never over. How the cells follow from voxels is told in [`ground`].
+//! is driven under or over, not both: which of them follows from where the vehicle stands
+//! ([`ground::GroundSettings::at`]). How the cells follow from voxels is told in [`ground`], and why one is blocked in its
+//! [`Details`].
 //!
 //! The grid knows for every cell how far the nearest blocked cell is, exactly, measured to its edge; what lies outside the
 //! grid is unknown.
 
 mod distance;
 pub mod ground;
+mod layers;
+
+pub use layers::{ClassRule, ClassRules, Details, Hindrance, Layer};
 
 use crate::frame::{Point, World};
 
@@ -117,6 +122,8 @@ pub struct Traversability {
     cells: Vec<Cell>,
     to_blocked: Vec<f32>,
     to_untrusted: Vec<f32>,
+    /// Empty if the grid was not made from a map.
+    details: Vec<Details>,
 }
 
 impl Traversability {
@@ -158,6 +165,7 @@ impl Traversability {
             cells,
             to_blocked,
             to_untrusted,
+            details: Vec::new(),
         })
     }
 
@@ -169,6 +177,7 @@ impl Traversability {
             cells: Vec::new(),
             to_blocked: Vec::new(),
             to_untrusted: Vec::new(),
+            details: Vec::new(),
         }
     }
 
@@ -222,6 +231,49 @@ impl Traversability {
             self.cells[index.y * width + index.x]
         } else {
             Cell::Unknown
+        }
+    }
+
+    /// What was measured on a cell; none outside, or where the grid was not made from a map.
+    pub fn details(&self, index: CellIndex) -> Option<&Details> {
+        let (width, height) = self.size();
+        let inside = index.x < width && index.y < height;
+        self.details
+            .get(index.y * width + index.x)
+            .filter(|_| inside)
+    }
+
+    /// Why a cell is blocked; none where it is not, or where that is not known.
+    pub fn hindrance(&self, index: CellIndex) -> Option<Hindrance> {
+        self.details(index)?.hindrance
+    }
+
+    /// One kind of what is known of a cell; none where there is nothing to show.
+    pub fn layer(&self, layer: Layer, index: CellIndex) -> Option<f64> {
+        let (width, height) = self.size();
+        if index.x >= width || index.y >= height {
+            return None;
+        }
+        let at = index.y * width + index.x;
+        let (height_m, cost) = match self.cells[at] {
+            Cell::Drivable { height_m, cost } => (Some(height_m), Some(cost)),
+            Cell::Unknown | Cell::Blocked => (None, None),
+        };
+        let details = self.details.get(at);
+        let seen = details.filter(|_| self.cells[at] != Cell::Unknown);
+        match layer {
+            Layer::Height => height_m,
+            Layer::Cost => cost,
+            Layer::Clearance => Some(f64::from(self.to_blocked[at])).filter(|d| d.is_finite()),
+            Layer::Step => seen.map(|d| f64::from(d.step_m)),
+            Layer::Slope => seen.map(|d| f64::from(d.slope_rad)),
+            Layer::Roughness => seen.map(|d| f64::from(d.roughness_m)),
+            Layer::Headroom => seen
+                .map(|d| f64::from(d.headroom_m))
+                .filter(|d| d.is_finite()),
+            Layer::Class => seen
+                .filter(|d| d.class != crate::voxel::ClassId::NONE)
+                .map(|d| f64::from(d.class.0)),
         }
     }
 

@@ -9,17 +9,24 @@
 use super::footprint::Footprint;
 use super::motion::{Gear, Motion, Pose2};
 use super::{PlanLimits, Unknown};
-use crate::traversability::{Cell, Traversability};
+use crate::traversability::{Cell, CellIndex, Traversability};
 
 /// How much worse a metre along an obstacle is than one in the open.
 const NEARNESS_WEIGHT: f64 = 2.0;
 
+/// What bad ground adds to a metre at most, so that costs stay comparable.
+const WORST_TERRAIN: f64 = 50.0;
+/// What a metre costs at most.
+pub(crate) const WORST_METRE: f64 = 1.0 + WORST_TERRAIN + NEARNESS_WEIGHT;
+
+#[derive(Clone)]
 pub(crate) struct CostModel<'a> {
     grid: &'a Traversability,
     footprint: Footprint,
-    /// Cost of a metre by cell, row by row.
-    per_metre: Vec<f32>,
-    reverse_factor: f64,
+    unknown_cost: f64,
+    preferred_clearance_m: f64,
+    /// What a metre forward and one in reverse is worth.
+    factors: [f64; 2],
     gear_change_m: f64,
 }
 
@@ -29,48 +36,49 @@ impl<'a> CostModel<'a> {
         footprint: &Footprint,
         limits: &PlanLimits,
     ) -> Self {
-        let unknown_cost = match limits.unknown {
-            // Only what is under the vehicle at the start.
-            Unknown::Avoid => 0.0,
-            Unknown::Cross { cost } => cost,
-        };
-        let room_needed = footprint.inradius();
-        let per_metre = (grid.cells().zip(grid.to_blocked()))
-            .map(|((_, cell), &distance)| {
-                let terrain = match cell {
-                    Cell::Drivable { cost, .. } if cost >= 0.0 => cost,
-                    Cell::Drivable { .. } | Cell::Blocked => 0.0,
-                    Cell::Unknown => unknown_cost,
-                };
-                let room = (f64::from(distance) - room_needed).max(0.0);
-                let near = if room < limits.preferred_clearance_m {
-                    1.0 - room / limits.preferred_clearance_m
-                } else {
-                    0.0
-                };
-                (1.0 + terrain + NEARNESS_WEIGHT * near * near) as f32
-            })
-            .collect();
         Self {
             grid,
             footprint: *footprint,
-            per_metre,
-            reverse_factor: limits.reverse_factor,
+            unknown_cost: match limits.unknown {
+                // Only what is under the vehicle at the start.
+                Unknown::Avoid => 0.0,
+                Unknown::Cross { cost } => cost,
+            },
+            preferred_clearance_m: limits.preferred_clearance_m,
+            factors: [1.0, limits.reverse_factor],
             gear_change_m: limits.gear_change_m,
         }
     }
 
-    /// Cost of a metre by cell, row by row.
-    pub(crate) fn per_metre(&self) -> &[f32] {
-        &self.per_metre
+    /// The same for motions that are driven backwards.
+    pub(crate) fn reversed(&self) -> Self {
+        let [forward, reverse] = self.factors;
+        Self {
+            factors: [reverse, forward],
+            ..self.clone()
+        }
     }
 
-    pub(crate) fn grid(&self) -> &'a Traversability {
-        self.grid
-    }
-
-    pub(crate) fn footprint(&self) -> &Footprint {
-        &self.footprint
+    /// Cost of a metre in a cell: at least 1.
+    pub(crate) fn of_metre(&self, cell: CellIndex) -> f64 {
+        let terrain = match self.grid.cell_at(cell) {
+            Cell::Drivable { cost, .. } => cost,
+            Cell::Blocked => 0.0,
+            Cell::Unknown => self.unknown_cost,
+        };
+        let terrain = if terrain > 0.0 {
+            terrain.min(WORST_TERRAIN)
+        } else {
+            0.0 // so does a NaN
+        };
+        let distance = f64::from(self.grid.to_blocked()[cell.y * self.grid.size().0 + cell.x]);
+        let room = (distance - self.footprint.inradius()).max(0.0);
+        let near = if room < self.preferred_clearance_m {
+            1.0 - room / self.preferred_clearance_m
+        } else {
+            0.0
+        };
+        1.0 + terrain + NEARNESS_WEIGHT * near * near
     }
 
     /// Cost of driving `motion` from `from`.
@@ -88,8 +96,8 @@ impl<'a> CostModel<'a> {
     /// The least that driving `motion` costs, wherever it is.
     pub(crate) fn of_length(&self, motion: &Motion) -> f64 {
         match motion.gear() {
-            Gear::Forward => motion.length_m(),
-            Gear::Reverse => motion.length_m() * self.reverse_factor,
+            Gear::Forward => motion.length_m() * self.factors[0],
+            Gear::Reverse => motion.length_m() * self.factors[1],
         }
     }
 
@@ -125,9 +133,6 @@ impl<'a> CostModel<'a> {
 
     fn at(&self, pose: &Pose2) -> f64 {
         let [x, y] = self.footprint.center(pose);
-        let (width, _) = self.grid.size();
-        self.grid
-            .nearest_index(x, y)
-            .map_or(1.0, |i| f64::from(self.per_metre[i.y * width + i.x]))
+        (self.grid.nearest_index(x, y)).map_or(1.0, |cell| self.of_metre(cell))
     }
 }

@@ -1,92 +1,169 @@
 //! The cost of the way to the goal for a disc that fits inside the vehicle: a guide around obstacles for the search.
 //!
-//! Dijkstra's algorithm over the cells, from the goal outwards, eight neighbours each. The disc is the largest one around
-//! the footprint's middle, with its margins and half a cell's diagonal of benefit of the doubt, so that where the disc
-//! cannot go no vehicle can. It stops soon after the start is reached.
+//! Dijkstra's algorithm over the cells, from the goal outwards, eight neighbours each, as far as it is asked for. The disc is
+//! the largest one around the footprint's middle, with its margins and half a cell's diagonal of benefit of the doubt, so
+//! that where the disc cannot go no vehicle can.
+//!
+//! It grows towards the start first: cells are taken by their cost and the straight way from there to the start, in a ring of
+//! buckets (E. Denardo, B. Fox, *Shortest-route methods*, Operations Research 27, 1979; D. Silver, *Cooperative pathfinding*,
+//! 2005, for the search backwards that is continued when asked). The costs do not depend on how far it was asked.
 
-use std::cmp::Reverse;
-use std::collections::BinaryHeap;
-
-use super::cost::CostModel;
+use super::cost::{CostModel, WORST_METRE};
 use super::footprint::Checker;
+use crate::traversability::{CellIndex, Traversability};
 
 pub(crate) struct Field {
     /// By cell, row by row; infinite where not reached.
     costs: Vec<f32>,
-    /// What every cell that was not reached costs at least; infinite if all that can be reached were.
-    frontier: f32,
+    /// Cost of a metre by cell; 0 where not looked at, infinite where the disc may not be.
+    per_metre: Vec<f32>,
+    buckets: Vec<Vec<u32>>,
+    /// The bucket under way, counted from the first: every smaller cost is final.
+    level: usize,
+    /// Entries in all buckets.
+    waiting: usize,
     width: usize,
+    resolution_m: f32,
+    /// Where it grows to first, in cells.
+    towards: Option<[f32; 2]>,
 }
 
-/// How much farther than the start the field reaches: the detours a search may look at.
-const MARGIN: f32 = 1.5;
+/// Goals may differ by this many buckets.
+const SPREAD: usize = 24;
+/// More than the cells that the dearest step can be worth.
+const BUCKETS: usize = (WORST_METRE * std::f64::consts::SQRT_2) as usize + 6 + SPREAD;
+/// Of the straight way to the start; less than all of it, so that rounding cannot turn the order of cells.
+const STRAIGHT: f32 = 0.999;
 
 impl Field {
-    /// The field to any of `goals` (places of the footprint's middle), reaching to `start` and somewhat beyond.
-    pub(crate) fn new(
-        checker: &Checker<'_>,
-        costs: &CostModel<'_>,
-        goals: &[[f64; 2]],
-        start: [f64; 2],
-    ) -> Self {
-        let grid = costs.grid();
+    /// The field to any of `goals` (places of the footprint's middle), to be asked about the way from `start` mostly.
+    pub(crate) fn new(grid: &Traversability, goals: &[[f64; 2]], start: Option<[f64; 2]>) -> Self {
         let (width, height) = grid.size();
-        let index = |[x, y]: [f64; 2]| grid.index_of(x, y).map(|i| i.y * width + i.x);
         let mut field = Self {
             costs: vec![f32::INFINITY; width * height],
-            frontier: f32::INFINITY,
+            per_metre: vec![0.0; width * height],
+            buckets: vec![Vec::new(); BUCKETS],
+            level: 0,
+            waiting: 0,
             width,
+            resolution_m: grid.resolution_m() as f32,
+            towards: start
+                .and_then(|[x, y]| grid.nearest_index(x, y))
+                .map(|cell| [cell.x as f32, cell.y as f32]),
         };
-        let mut queue = BinaryHeap::new();
-        for goal in goals.iter().filter_map(|&goal| index(goal)) {
+        let goals: Vec<usize> = (goals.iter())
+            .filter_map(|&[x, y]| grid.index_of(x, y))
+            .map(|index| index.y * width + index.x)
+            .collect();
+        for &goal in &goals {
             field.costs[goal] = 0.0;
-            queue.push(Reverse(entry(0.0, goal)));
         }
-        let (passable, per_metre) = (checker.disc_may_be(), costs.per_metre());
-        let start = index(start);
-        let mut enough = f32::INFINITY;
-        let half = 0.5 * grid.resolution_m() as f32;
-        while let Some(Reverse(next)) = queue.pop() {
-            let (cost, at) = (f32::from_bits((next >> 32) as u32), next as u32 as usize);
-            if cost > field.costs[at] {
-                continue;
-            }
-            if cost > enough {
-                field.frontier = cost;
-                break;
-            }
-            if Some(at) == start {
-                enough = cost * MARGIN + 1.0;
-            }
-            let (x, y) = (at % width, at / width);
-            for (dx, dy, way) in NEIGHBOURS {
-                let (Some(u), Some(v)) = (x.checked_add_signed(dx), y.checked_add_signed(dy))
-                else {
-                    continue;
-                };
-                if u >= width || v >= height || !passable[v * width + u] {
-                    continue;
-                }
-                let to = v * width + u;
-                let reached = cost + way * half * (per_metre[at] + per_metre[to]);
-                if reached < field.costs[to] {
-                    field.costs[to] = reached;
-                    queue.push(Reverse(entry(reached, to)));
-                }
-            }
+        let span = |field: &Self| {
+            let buckets = || goals.iter().map(|&goal| field.bucket_of(goal));
+            buckets().min().zip(buckets().max()).unwrap_or((0, 0))
+        };
+        let (mut least, most) = span(&field);
+        if most - least > SPREAD {
+            // The ring does not hold goals that are so different: from all sides at once.
+            field.towards = None;
+            least = 0;
+        }
+        field.level = least;
+        for goal in goals {
+            field.push(goal);
         }
         field
     }
 
     /// The cost from a cell to the goal; infinite if there is no way.
-    pub(crate) fn cost_from(&self, x: usize, y: usize) -> f64 {
-        f64::from(self.costs[y * self.width + x].min(self.frontier))
+    pub(crate) fn cost_from(
+        &mut self,
+        checker: &Checker<'_>,
+        costs: &CostModel<'_>,
+        cell: CellIndex,
+    ) -> f64 {
+        let at = cell.y * self.width + cell.x;
+        while self.waiting > 0 && self.bucket_of(at) >= self.level {
+            self.advance(checker, costs);
+        }
+        f64::from(self.costs[at])
     }
-}
 
-/// Costs are not negative, so their bits are in their order.
-fn entry(cost: f32, cell: usize) -> u64 {
-    u64::from(cost.to_bits()) << 32 | cell as u64
+    /// Which bucket a cell belongs to, counted from the first.
+    fn bucket_of(&self, cell: usize) -> usize {
+        let left = self.towards.map_or(0.0, |[x, y]| {
+            let (dx, dy) = (
+                (cell % self.width) as f32 - x,
+                (cell / self.width) as f32 - y,
+            );
+            STRAIGHT * (dx * dx + dy * dy).sqrt()
+        });
+        // Saturates where a cell was not reached.
+        (self.costs[cell] / self.resolution_m + left) as usize
+    }
+
+    fn push(&mut self, cell: usize) {
+        let bucket = self.bucket_of(cell) % BUCKETS;
+        self.buckets[bucket].push(cell as u32);
+        self.waiting += 1;
+    }
+
+    /// Empties the bucket under way.
+    fn advance(&mut self, checker: &Checker<'_>, costs: &CostModel<'_>) {
+        while let Some(cell) = self.buckets[self.level % BUCKETS].pop() {
+            self.waiting -= 1;
+            // Otherwise a cheaper way was found, and that has its own entry.
+            if self.bucket_of(cell as usize) == self.level {
+                self.spread(checker, costs, cell as usize);
+            }
+        }
+        self.level += 1;
+    }
+
+    fn spread(&mut self, checker: &Checker<'_>, costs: &CostModel<'_>, at: usize) {
+        let (width, height) = (self.width, self.costs.len() / self.width);
+        let (x, y) = (at % width, at / width);
+        let (cost, here) = (self.costs[at], self.metre_in(checker, costs, x, y));
+        // A goal may be where the disc may not.
+        let here = if here.is_finite() { here } else { 1.0 };
+        for (dx, dy, way) in NEIGHBOURS {
+            let (Some(u), Some(v)) = (x.checked_add_signed(dx), y.checked_add_signed(dy)) else {
+                continue;
+            };
+            if u >= width || v >= height {
+                continue;
+            }
+            let to = v * width + u;
+            if self.costs[to] <= cost {
+                continue;
+            }
+            let there = self.metre_in(checker, costs, u, v);
+            let reached = cost + 0.5 * way * self.resolution_m * (here + there);
+            if reached < self.costs[to] {
+                self.costs[to] = reached;
+                self.push(to);
+            }
+        }
+    }
+
+    fn metre_in(
+        &mut self,
+        checker: &Checker<'_>,
+        costs: &CostModel<'_>,
+        x: usize,
+        y: usize,
+    ) -> f32 {
+        let at = y * self.width + x;
+        if self.per_metre[at] <= 0.0 {
+            let cell = CellIndex { x, y };
+            self.per_metre[at] = if checker.disc_may_be(cell) {
+                costs.of_metre(cell) as f32
+            } else {
+                f32::INFINITY
+            };
+        }
+        self.per_metre[at]
+    }
 }
 
 const NEIGHBOURS: [(isize, isize, f32); 8] = [
@@ -107,13 +184,15 @@ pub(crate) fn nearest_reachable(
     start: [f64; 2],
     goal: [f64; 2],
 ) -> f64 {
-    let everywhere = Field::new(checker, costs, &[start], [f64::NAN, f64::NAN]);
-    costs
-        .grid()
-        .cells()
-        .filter(|(index, _)| everywhere.cost_from(index.x, index.y).is_finite())
-        .map(|(index, _)| {
-            let [x, y] = costs.grid().center_of(index);
+    let grid = checker.grid();
+    let mut field = Field::new(grid, &[start], None);
+    while field.waiting > 0 {
+        field.advance(checker, costs);
+    }
+    (grid.cells().zip(&field.costs))
+        .filter(|(_, cost)| cost.is_finite())
+        .map(|((index, _), _)| {
+            let [x, y] = grid.center_of(index);
             (x - goal[0]).hypot(y - goal[1])
         })
         .fold(f64::INFINITY, f64::min)

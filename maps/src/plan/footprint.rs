@@ -1,13 +1,14 @@
 //! Whether the vehicle's rectangle is free, exactly, and how far it is from what hinders.
 //!
-//! A pose is judged in three steps, cheapest first: far enough by the distance of the rectangle's centre, too near by it,
-//! else by the distance between the rectangle and every blocked square around it. Motions are judged by conservative
+//! A pose is judged in three steps, cheapest first: far enough by the distances of a few discs that cover the rectangle, too
+//! near by discs inside it, else by the distance between the rectangle and every blocked square around it. Motions are judged by conservative
 //! advancement: after a pose with room to spare, the next one to judge is as far as no corner can use up that room.
 
 use std::borrow::Cow;
+use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
 
 use super::motion::{Motion, Pose2};
-use crate::traversability::{Traversability, Vehicle};
+use crate::traversability::{CellIndex, Traversability, Vehicle};
 
 /// The rectangle of a vehicle.
 #[derive(Clone, Copy, Debug)]
@@ -16,6 +17,8 @@ pub(crate) struct Footprint {
     half_width: f64,
     center_ahead: f64,
     circumradius: f64,
+    /// Discs along the rectangle: how many, the distance between their middles where they cover it, and their radius.
+    discs: (u32, f64, f64),
     /// How far any point of the rectangle moves at most while the reference point drives a metre.
     sweep: f64,
 }
@@ -25,12 +28,15 @@ impl Footprint {
         let half_length = 0.5 * vehicle.length_m;
         let half_width = 0.5 * vehicle.width_m;
         let center_ahead = 0.5 * vehicle.wheelbase_m;
+        let count = (1.8 * half_length / half_width).round().clamp(1.0, 8.0);
+        let apart = 2.0 * half_length / count;
         let farthest = (half_length + center_ahead).hypot(half_width);
         Self {
             half_length,
             half_width,
             center_ahead,
             circumradius: half_length.hypot(half_width),
+            discs: (count as u32, apart, half_width.hypot(0.5 * apart)),
             sweep: 1.0 + farthest / vehicle.min_turning_radius_m,
         }
     }
@@ -125,6 +131,7 @@ fn outside(at: f64, half: f64) -> f64 {
 }
 
 /// One kind of cells to keep away from.
+#[derive(Clone)]
 struct Layer<'a> {
     /// Distance from every cell's middle to the nearest such cell; 0 in one.
     distances: Cow<'a, [f32]>,
@@ -145,6 +152,7 @@ pub(crate) struct Margins {
 }
 
 /// Judges poses and motions on one grid from one start.
+#[derive(Clone)]
 pub(crate) struct Checker<'a> {
     grid: &'a Traversability,
     pub(crate) footprint: Footprint,
@@ -153,6 +161,14 @@ pub(crate) struct Checker<'a> {
     start: Pose2,
     start_radius_m: f64,
     step_m: f64,
+}
+
+/// What is known of a pose without looking at what is around it.
+enum Guess {
+    /// There is at least this much room beyond the margin.
+    Free(f64),
+    Taken,
+    Open,
 }
 
 /// The margin near a start that has `near_m` of it.
@@ -227,7 +243,6 @@ impl<'a> Checker<'a> {
     /// How far every point of the footprint can move at least before it is too near to anything; `None` if it is already.
     pub(crate) fn room_m(&self, pose: &Pose2) -> Option<f64> {
         let near_start = pose.distance_m(&self.start) <= self.start_radius_m;
-        let [x, y] = self.footprint.center(pose);
         let mut room = f64::INFINITY;
         let mut rectangle = None;
         for layer in self.layers() {
@@ -236,37 +251,61 @@ impl<'a> Checker<'a> {
             } else {
                 layer.margin_m
             };
-            let around = self.grid.at_least(&layer.distances, x, y);
-            let around = if layer.outside {
-                around.min(self.to_the_edge(x, y))
-            } else {
-                around
+            let spare = match self.by_discs(layer, pose, margin) {
+                Guess::Free(spare) => spare,
+                Guess::Taken => return None,
+                Guess::Open => {
+                    let rectangle = rectangle.get_or_insert_with(|| self.footprint.rectangle(pose));
+                    if layer.outside && !self.contains(rectangle, margin) {
+                        return None;
+                    }
+                    let enough = margin + self.step_m;
+                    let distance = nearest(self.grid, &layer.distances, rectangle, enough);
+                    if distance < margin - TOUCH_M || distance <= 0.0 {
+                        return None;
+                    }
+                    distance - margin
+                }
             };
-            let spare = around - self.footprint.circumradius - margin;
-            if spare > 0.0 {
-                room = room.min(spare);
-                continue;
-            }
-            // The lower bound is at most a cell's diagonal too small.
-            let diagonal = self.grid.resolution_m() * std::f64::consts::SQRT_2;
-            if around + diagonal < self.footprint.inradius() {
-                return None;
-            }
-            let rectangle = rectangle.get_or_insert_with(|| self.footprint.rectangle(pose));
-            if layer.outside && !self.contains(rectangle, margin) {
-                return None;
-            }
-            let distance = nearest(self.grid, &layer.distances, rectangle, margin + self.step_m);
-            if distance < margin - TOUCH_M || distance <= 0.0 {
-                return None;
-            }
-            room = room.min(distance - margin);
+            room = room.min(spare);
         }
         if near_start {
             // Farther on the margins are wider.
             room = room.min(self.start_radius_m - pose.distance_m(&self.start));
         }
         Some(room.max(0.0))
+    }
+
+    /// What the distances at the middles of discs tell.
+    fn by_discs(&self, layer: &Layer<'a>, pose: &Pose2, margin_m: f64) -> Guess {
+        let footprint = &self.footprint;
+        let (count, apart, covering_m) = footprint.discs;
+        let (sin, cos) = pose.heading_rad.sin_cos();
+        // From the first to the last disc inside, which touch the ends.
+        let inside = 2.0 * (footprint.half_length - footprint.inradius());
+        let inside_apart = inside / f64::from(count.max(2) - 1);
+        let mut spare = f64::INFINITY;
+        for i in 0..count {
+            let offset = f64::from(i) - 0.5 * f64::from(count - 1);
+            let ahead = footprint.center_ahead + offset * apart;
+            let (x, y) = (pose.x_m + ahead * cos, pose.y_m + ahead * sin);
+            let mut around = self.grid.at_least(&layer.distances, x, y);
+            if layer.outside {
+                around = around.min(self.to_the_edge(x, y));
+            }
+            spare = spare.min(around - covering_m - margin_m);
+            // Inside, the disc is nearer to the middle by this; the bound is at most a cell's diagonal too small.
+            let moved = offset.abs() * (apart - inside_apart).abs();
+            let at_most = around + moved + self.grid.resolution_m() * SQRT_2;
+            if at_most < footprint.inradius() + margin_m - TOUCH_M {
+                return Guess::Taken;
+            }
+        }
+        if spare > 0.0 {
+            Guess::Free(spare)
+        } else {
+            Guess::Open
+        }
     }
 
     /// Distance to the edge of the grid, negative outside.
@@ -334,6 +373,20 @@ impl<'a> Checker<'a> {
         nearest(self.grid, self.grid.to_blocked(), &rectangle, reach)
     }
 
+    /// The blocked cell nearest to the footprint at `pose`, with its distance; the first in the grid's order among equals.
+    pub(crate) fn nearest_blocked(&self, pose: &Pose2) -> Option<(f64, CellIndex)> {
+        let rectangle = self.footprint.rectangle(pose);
+        let half = 0.5 * self.grid.resolution_m();
+        (self.grid.cells().zip(self.grid.to_blocked()))
+            .filter(|(_, distance)| **distance <= 0.0)
+            .map(|((index, _), _)| {
+                let center = self.grid.center_of(index);
+                let distance = rectangle.distance_to_square(center, half, f64::INFINITY);
+                (distance, index)
+            })
+            .min_by(|a, b| a.0.total_cmp(&b.0))
+    }
+
     /// Whether the footprint at `pose` lies on ground that may be driven over, whatever is near it.
     pub(crate) fn is_on_known_ground(&self, pose: &Pose2) -> bool {
         self.untrusted.as_ref().is_none_or(|layer| {
@@ -343,32 +396,24 @@ impl<'a> Checker<'a> {
         })
     }
 
-    /// Where the largest disc around the footprint's middle may be, cell by cell, with half a cell's diagonal of benefit
-    /// of the doubt: where it may not, no vehicle may.
-    pub(crate) fn disc_may_be(&self) -> Vec<bool> {
-        let doubt = std::f64::consts::FRAC_1_SQRT_2 * self.grid.resolution_m();
+    /// Whether the largest disc around the footprint's middle may be in a cell, with half a cell's diagonal of benefit of
+    /// the doubt: where it may not, no vehicle may.
+    pub(crate) fn disc_may_be(&self, cell: CellIndex) -> bool {
+        let doubt = FRAC_1_SQRT_2 * self.grid.resolution_m();
         let radius = self.footprint.inradius() - doubt;
         // The start's surroundings are those of the reference point.
         let near_start = self.start_radius_m + self.footprint.center_ahead + doubt;
-        let start = [self.start.x_m, self.start.y_m];
-        let layers: Vec<&Layer<'a>> = self.layers().collect();
-        self.grid
-            .cells()
-            .enumerate()
-            .map(|(i, (index, _))| {
-                let [x, y] = self.grid.center_of(index);
-                let from_start = (x - start[0]).hypot(y - start[1]);
-                layers.iter().all(|layer| {
-                    let margin = if from_start <= near_start {
-                        layer.start_margin_m
-                    } else {
-                        layer.margin_m
-                    };
-                    let distance = f64::from(layer.distances[i]);
-                    distance > 0.0 && distance >= radius + margin
-                })
-            })
-            .collect()
+        let i = cell.y * self.grid.size().0 + cell.x;
+        self.layers().all(|layer| {
+            let distance = f64::from(layer.distances[i]);
+            if distance <= 0.0 || distance < radius + layer.start_margin_m {
+                return false;
+            }
+            distance >= radius + layer.margin_m || {
+                let [x, y] = self.grid.center_of(cell);
+                (x - self.start.x_m).hypot(y - self.start.y_m) <= near_start
+            }
+        })
     }
 }
 
@@ -402,7 +447,7 @@ fn nearest(grid: &Traversability, distances: &[f32], rectangle: &Rectangle, enou
     for row in low.y..=high.y {
         let mut column = low.x;
         while column <= high.x {
-            let index = crate::traversability::CellIndex { x: column, y: row };
+            let index = CellIndex { x: column, y: row };
             let distance = f64::from(distances[row * width + column]);
             if distance <= 0.0 {
                 let center = grid.center_of(index);

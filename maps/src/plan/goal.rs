@@ -4,7 +4,7 @@ use std::f64::consts::TAU;
 
 use super::footprint::Checker;
 use super::motion::{Pose2, wrapped};
-use super::{End, Goal, PlanError};
+use super::{End, Goal, Obstacle, PlanError};
 use crate::traversability::{Cell, CellIndex, Traversability};
 
 /// Headings tried where any will do.
@@ -28,6 +28,22 @@ pub(crate) fn check_inside(
         south_m,
         north_m: south_m + height as f64 * grid.resolution_m(),
     })
+}
+
+/// The blocked cell that is nearest to the footprint in any of the poses. There must be one.
+pub(crate) fn nearest_obstacle(checker: &Checker<'_>, poses: &[Pose2]) -> Obstacle {
+    let grid = checker.grid();
+    let nearest = (poses.iter())
+        .filter_map(|pose| checker.nearest_blocked(pose))
+        .min_by(|a, b| a.0.total_cmp(&b.0));
+    let (at, why) = nearest.map_or(([f64::NAN; 2], None), |(_, cell)| {
+        (grid.center_of(cell), grid.hindrance(cell))
+    });
+    Obstacle {
+        x_m: at[0],
+        y_m: at[1],
+        why,
+    }
 }
 
 /// The free poses at the place nearest to the goal that has any: one, if the goal has a heading.
@@ -106,6 +122,7 @@ fn why_not(checker: &Checker<'_>, goal: &Goal, needed_m: f64) -> PlanError {
             y_m,
             distance_m,
             needed_m,
+            by: nearest_obstacle(checker, &poses),
         };
     }
     if clearance_m < checker.margin_m() && poses.iter().any(|p| checker.is_on_known_ground(p)) {
@@ -114,6 +131,7 @@ fn why_not(checker: &Checker<'_>, goal: &Goal, needed_m: f64) -> PlanError {
             y_m,
             clearance_m,
             needed_m: checker.margin_m(),
+            of: nearest_obstacle(checker, &poses),
         };
     }
     let known_m = checker

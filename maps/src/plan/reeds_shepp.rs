@@ -63,7 +63,7 @@ fn word(turns: &[Turn], radius_m: f64) -> Word {
         }; 5],
         count: 0,
     };
-    for &(steer, parameter) in turns.iter().filter(|turn| turn.1.abs() > 1e-10) {
+    for &(steer, parameter) in turns.iter().filter(|turn| turn.1.abs() > 1e-9) {
         let curvature = match steer {
             Left => 1.0 / radius_m,
             Straight => 0.0,

@@ -22,12 +22,12 @@ use super::reeds_shepp;
 
 /// A planning problem whose start and goals are free.
 pub(crate) struct Problem<'a> {
-    pub(crate) checker: &'a Checker<'a>,
-    pub(crate) costs: &'a CostModel<'a>,
+    pub(crate) checker: Checker<'a>,
+    pub(crate) costs: CostModel<'a>,
     pub(crate) radius_m: f64,
     pub(crate) start: Pose2,
     /// At least one.
-    pub(crate) goals: &'a [Pose2],
+    pub(crate) goals: Vec<Pose2>,
 }
 
 /// How much more what is left counts than what was driven. With 1, the search gives up on 8 of the 200 problems in the
@@ -39,8 +39,14 @@ const NO_NODE: u32 = u32::MAX;
 const GOOD_ENOUGH: f64 = 1.1;
 /// The shortest ways tried per pose and goal.
 const WORDS_TRIED: usize = 4;
+/// After that many poses the goal is tried from every second only, after twice as many from every third.
+const TRIES: usize = 500;
 /// Within this many radii of the goal its heading matters to the estimate.
-const NEAR_RADII: f64 = 10.0;
+const NEAR_RADII: f64 = 6.0;
+/// Length of an arc, in turning radii: short ones in the open only make more poses of the same.
+const ARC_RADII: f64 = 0.25;
+/// The field counts straight and diagonal steps, so that it tells up to this share of the straight way.
+const DETOUR_OF_CELLS: f64 = 1.0 / 1.0824;
 
 struct Node {
     pose: Pose2,
@@ -96,13 +102,48 @@ impl Best {
 
 /// The rest of a path from a node to a goal.
 struct Finish {
-    cost: f64,
     node: u32,
     motions: Vec<Motion>,
 }
 
-struct Search<'a> {
-    problem: &'a Problem<'a>,
+impl Problem<'_> {
+    /// The same from the goal to the start, as it is driven backwards; none if there are several goals.
+    pub(crate) fn reversed(&self) -> Option<Self> {
+        let [goal] = self.goals[..] else {
+            return None;
+        };
+        Some(Self {
+            checker: self.checker.clone(),
+            costs: self.costs.reversed(),
+            radius_m: self.radius_m,
+            start: goal,
+            goals: vec![self.start],
+        })
+    }
+}
+
+/// Motions driven backwards, from the last to the first.
+pub(crate) fn backwards(motions: &[Motion]) -> Vec<Motion> {
+    let back = |motion: &Motion| Motion {
+        curvature: motion.curvature,
+        signed_m: -motion.signed_m,
+    };
+    motions.iter().rev().map(back).collect()
+}
+
+/// Where a search stands.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(crate) enum Standing {
+    /// A cheaper path was found.
+    Better,
+    /// The poses it was allowed are used up.
+    Paused,
+    /// Nothing that is left to look at can lead to a cheaper path.
+    Done,
+}
+
+/// The state of a search: it can be continued at any time, always with the same problem.
+pub(crate) struct Search {
     field: Field,
     arcs: [Motion; 10],
     /// Cells of the search along x, each `coarse` cells of the grid wide.
@@ -112,42 +153,31 @@ struct Search<'a> {
     open: BinaryHeap<Entry>,
     best: Best,
     finish: Option<Finish>,
+    /// No path that costs as much is of interest.
+    bound: f64,
+    until_try: usize,
     expansions: usize,
+    nearest_m: f64,
 }
 
-/// The motions of a path from the start to one of the goals.
-pub(crate) fn search(
-    problem: &Problem<'_>,
-    max_expansions: usize,
-) -> Result<Vec<Motion>, PlanError> {
-    let footprint = problem.costs.footprint();
-    let goals: Vec<[f64; 2]> = problem.goals.iter().map(|g| footprint.center(g)).collect();
-    let from = footprint.center(&problem.start);
-    let field = Field::new(problem.checker, problem.costs, &goals, from);
-    let mut search = Search::new(problem, field);
-    if !search.estimate(&problem.start).is_finite() {
-        let nearest_m = nearest_reachable(problem.checker, problem.costs, from, goals[0]);
-        return Err(PlanError::NoPath {
-            expansions: 0,
-            nearest_m,
-        });
-    }
-    search.run(max_expansions)
-}
-
-impl<'a> Search<'a> {
-    fn new(problem: &'a Problem<'a>, field: Field) -> Self {
-        let resolution_m = problem.costs.grid().resolution_m();
+impl Search {
+    /// Fails if not even a disc can come to a goal.
+    pub(crate) fn new(problem: &Problem<'_>) -> Result<Self, PlanError> {
+        let grid = problem.checker.grid();
+        let resolution_m = grid.resolution_m();
         let turn = TAU / HEADINGS as f64;
         // An arc leaves its cell and, at full lock, turns by whole steps of heading.
-        let turns = (1.5 * resolution_m / (problem.radius_m * turn)).ceil();
-        let arc_m = turns * turn * problem.radius_m;
-        let coarse = ((arc_m / (2.0 * resolution_m)) as usize).clamp(1, 4);
-        let (width, height) = problem.costs.grid().size();
+        let least_m = (1.5 * resolution_m).max(ARC_RADII * problem.radius_m);
+        let arc_m = (least_m / (problem.radius_m * turn)).ceil() * turn * problem.radius_m;
+        let coarse = ((arc_m / (1.5 * resolution_m)) as usize).clamp(1, 4);
+        let (width, height) = grid.size();
         let (width, height) = (width.div_ceil(coarse), height.div_ceil(coarse));
+        let middles: Vec<[f64; 2]> = (problem.goals.iter())
+            .map(|goal| problem.checker.footprint.center(goal))
+            .collect();
+        let from = problem.checker.footprint.center(&problem.start);
         let mut search = Self {
-            problem,
-            field,
+            field: Field::new(grid, &middles, Some(from)),
             arcs: arcs(arc_m, problem.radius_m),
             width,
             coarse,
@@ -158,65 +188,93 @@ impl<'a> Search<'a> {
                 blocks: Vec::new(),
             },
             finish: None,
+            bound: f64::INFINITY,
+            until_try: 0,
             expansions: 0,
+            nearest_m: f64::INFINITY,
         };
-        search.add(Node {
+        if !search.estimate(problem, &problem.start).is_finite() {
+            let nearest_m = nearest_reachable(&problem.checker, &problem.costs, from, middles[0]);
+            return Err(PlanError::NoPath {
+                expansions: 0,
+                nearest_m,
+            });
+        }
+        let start = Node {
             pose: problem.start,
             cost: 0.0,
             parent: NO_NODE,
             motion: None,
-        });
-        search
+        };
+        search.add(problem, start);
+        Ok(search)
     }
 
-    fn run(&mut self, max_expansions: usize) -> Result<Vec<Motion>, PlanError> {
-        let mut nearest_m = f64::INFINITY;
-        let mut until_try = 0_usize;
-        // Once there is a path, better ones are looked for as long again.
-        let mut budget = max_expansions;
-        while let Some(Entry { estimate, node }) = self.open.pop() {
-            if let Some(finish) = &self.finish
-                && (finish.cost <= estimate * GOOD_ENOUGH || self.expansions >= budget)
-            {
-                break;
-            }
+    /// Poses expanded so far.
+    pub(crate) fn expansions(&self) -> usize {
+        self.expansions
+    }
+
+    /// Least distance to a goal so far.
+    pub(crate) fn nearest_m(&self) -> f64 {
+        self.nearest_m
+    }
+
+    /// Only paths that cost less than this are looked for from now on.
+    pub(crate) fn bound_by(&mut self, cost: f64) {
+        self.bound = self.bound.min(cost);
+    }
+
+    /// Whether what is looked for next is likely to be worse than the path there is.
+    pub(crate) fn is_good_enough(&self) -> bool {
+        let next = self.open.peek().map_or(f64::INFINITY, |e| e.estimate);
+        self.bound <= next * GOOD_ENOUGH
+    }
+
+    /// Expands `count` poses at most, until a cheaper path is found.
+    pub(crate) fn advance(&mut self, problem: &Problem<'_>, count: usize) -> Standing {
+        let until = self.expansions.saturating_add(count);
+        while self.expansions < until {
+            let Some(Entry { estimate, node }) = self.open.pop() else {
+                return Standing::Done;
+            };
             let Node { pose, cost, .. } = self.nodes[node as usize];
-            if self.is_outdated(node) {
+            let left = (estimate - cost) / GREED;
+            if cost + left * DETOUR_OF_CELLS >= self.bound || self.is_outdated(problem, node) {
                 continue;
             }
-            if self.expansions >= max_expansions {
-                return Err(PlanError::BudgetExhausted {
-                    expansions: self.expansions,
-                    nearest_m,
-                });
-            }
             self.expansions += 1;
-            nearest_m = nearest_m.min(self.to_goal_m(&pose));
-            if until_try == 0 {
-                let had_none = self.finish.is_none();
-                self.try_to_finish(node);
-                if had_none && self.finish.is_some() {
-                    budget = max_expansions.min(2 * self.expansions + 200);
-                }
-                until_try = ((estimate - cost) / (4.0 * GREED * self.arcs[0].length_m())) as usize;
+            self.nearest_m = self.nearest_m.min(to_goal_m(problem, &pose));
+            let found = if self.until_try == 0 {
+                let far = (left / (4.0 * self.arcs[0].length_m())) as usize;
+                self.until_try = far.max(self.expansions / TRIES);
+                self.try_to_finish(problem, node)
             } else {
-                until_try -= 1;
+                self.until_try -= 1;
+                false
+            };
+            self.expand(problem, node);
+            if found {
+                return Standing::Better;
             }
-            self.expand(node);
         }
-        match &self.finish {
-            Some(finish) => Ok(self.path_of(finish)),
-            None => Err(PlanError::NoPath {
-                expansions: self.expansions,
-                nearest_m,
-            }),
-        }
+        Standing::Paused
+    }
+
+    /// The cheapest path must cost less than this.
+    pub(crate) fn bound(&self) -> f64 {
+        self.bound
+    }
+
+    /// The motions of the cheapest path found.
+    pub(crate) fn path(&self) -> Option<Vec<Motion>> {
+        self.finish.as_ref().map(|finish| self.path_of(finish))
     }
 
     /// Whether a better node has taken its place.
-    fn is_outdated(&mut self, node: u32) -> bool {
+    fn is_outdated(&mut self, problem: &Problem<'_>, node: u32) -> bool {
         let (pose, gear) = (self.nodes[node as usize].pose, self.gear_of(node));
-        let Some(cell) = self.search_cell(&pose) else {
+        let Some(cell) = self.search_cell(problem, &pose) else {
             return true;
         };
         let gear = gear.unwrap_or(Gear::Forward);
@@ -227,42 +285,45 @@ impl<'a> Search<'a> {
         self.nodes[node as usize].motion.map(|m| m.gear())
     }
 
-    fn search_cell(&self, pose: &Pose2) -> Option<usize> {
-        let index = self.problem.costs.grid().index_of(pose.x_m, pose.y_m)?;
+    fn search_cell(&self, problem: &Problem<'_>, pose: &Pose2) -> Option<usize> {
+        let index = problem.checker.grid().index_of(pose.x_m, pose.y_m)?;
         Some(index.y / self.coarse * self.width + index.x / self.coarse)
     }
 
-    fn expand(&mut self, from: u32) {
+    fn expand(&mut self, problem: &Problem<'_>, from: u32) {
         let Node { pose, cost, .. } = self.nodes[from as usize];
         let gear = self.gear_of(from);
-        let Some(room) = self.problem.checker.room_m(&pose) else {
+        let (checker, costs) = (&problem.checker, &problem.costs);
+        let Some(room) = checker.room_m(&pose) else {
             return;
         };
         for arc in self.arcs {
             let next = arc.end(&pose);
-            let Some(cell) = self.search_cell(&next) else {
+            let Some(cell) = self.search_cell(problem, &next) else {
                 continue;
             };
-            let costs = self.problem.costs;
-            let cost = cost + costs.of_change(gear, arc.gear()) + costs.of_motion(&pose, &arc);
             let known = *self.best.slot(cell, next.heading_rad, arc.gear());
-            if known != NO_NODE && self.nodes[known as usize].cost <= cost {
+            let known = (self.nodes.get(known as usize)).map_or(f64::INFINITY, |node| node.cost);
+            let changed = cost + costs.of_change(gear, arc.gear());
+            if known <= changed + costs.of_length(&arc) {
                 continue;
             }
-            if self.problem.checker.is_free_beyond(&pose, &arc, room) {
-                self.add(Node {
+            let cost = changed + costs.of_motion(&pose, &arc);
+            if cost < known && checker.is_free_beyond(&pose, &arc, room) {
+                let node = Node {
                     pose: next,
                     cost,
                     parent: from,
                     motion: Some(arc),
-                });
+                };
+                self.add(problem, node);
             }
         }
     }
 
-    fn add(&mut self, node: Node) {
-        let left = self.estimate(&node.pose);
-        let Some(cell) = self.search_cell(&node.pose) else {
+    fn add(&mut self, problem: &Problem<'_>, node: Node) {
+        let left = self.estimate(problem, &node.pose);
+        let Some(cell) = self.search_cell(problem, &node.pose) else {
             return;
         };
         if !left.is_finite() {
@@ -279,52 +340,46 @@ impl<'a> Search<'a> {
     }
 
     /// What is left to the goal, infinite if no way is.
-    fn estimate(&self, pose: &Pose2) -> f64 {
-        let grid = self.problem.costs.grid();
-        let [x, y] = self.problem.costs.footprint().center(pose);
-        let Some(index) = grid.index_of(x, y) else {
+    fn estimate(&mut self, problem: &Problem<'_>, pose: &Pose2) -> f64 {
+        let [x, y] = problem.checker.footprint.center(pose);
+        let Some(index) = problem.checker.grid().index_of(x, y) else {
             return f64::INFINITY;
         };
-        let around = self.field.cost_from(index.x, index.y);
-        match self.problem.goals {
-            [goal] if pose.distance_m(goal) < NEAR_RADII * self.problem.radius_m => {
-                around.max(reeds_shepp::length_m(pose, goal, self.problem.radius_m))
+        let around = (self.field).cost_from(&problem.checker, &problem.costs, index);
+        match problem.goals[..] {
+            [goal] if pose.distance_m(&goal) < NEAR_RADII * problem.radius_m => {
+                around.max(reeds_shepp::length_m(pose, &goal, problem.radius_m))
             }
             _ => around,
         }
     }
 
-    fn to_goal_m(&self, pose: &Pose2) -> f64 {
-        self.problem
-            .goals
-            .first()
-            .map_or(f64::INFINITY, |goal| pose.distance_m(goal))
-    }
-
     /// Tries the cheapest of the shortest ways to each goal; keeps one that is free and better than any before.
-    fn try_to_finish(&mut self, node: u32) {
+    fn try_to_finish(&mut self, problem: &Problem<'_>, node: u32) -> bool {
         let Node { pose, cost, .. } = self.nodes[node as usize];
         let gear = self.gear_of(node);
-        let (costs, radius_m) = (self.problem.costs, self.problem.radius_m);
-        let mut ways: Vec<(f64, reeds_shepp::Word)> = (self.problem.goals.iter())
+        let (costs, radius_m) = (&problem.costs, problem.radius_m);
+        let mut ways: Vec<(f64, reeds_shepp::Word)> = (problem.goals.iter())
             .flat_map(|goal| reeds_shepp::words(&pose, goal, radius_m))
             .map(|word| (costs.at_least(gear, word.motions()), word))
             .collect();
         ways.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let mut found = false;
         for (least, word) in ways.into_iter().take(WORDS_TRIED) {
-            let best = self.finish.as_ref().map_or(f64::INFINITY, |f| f.cost);
-            if cost + least >= best {
-                return;
+            if cost + least >= self.bound {
+                break;
             }
             let total = cost + costs.of_chain(&pose, gear, word.motions());
-            if total < best && is_free(self.problem.checker, &pose, word.motions()) {
+            if total < self.bound && is_free(&problem.checker, &pose, word.motions()) {
+                self.bound = total;
                 self.finish = Some(Finish {
-                    cost: total,
                     node,
                     motions: word.motions().to_vec(),
                 });
+                found = true;
             }
         }
+        found
     }
 
     fn path_of(&self, finish: &Finish) -> Vec<Motion> {
@@ -338,6 +393,12 @@ impl<'a> Search<'a> {
         backwards.extend_from_slice(&finish.motions);
         backwards
     }
+}
+
+fn to_goal_m(problem: &Problem<'_>, pose: &Pose2) -> f64 {
+    (problem.goals.iter())
+        .map(|goal| pose.distance_m(goal))
+        .fold(f64::INFINITY, f64::min)
 }
 
 /// Whether motions one after the other from `from` are free.

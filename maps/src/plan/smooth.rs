@@ -12,6 +12,8 @@ use super::search::{Problem, is_free};
 const PIECES: usize = 48;
 /// Circles tried, in turning radii.
 const RADII: [f64; 3] = [3.0, 1.5, 1.0];
+/// Nearer than this to a joint is at it.
+const JOINT_M: f64 = 1e-6;
 /// A piece is replaced only by one that is cheaper by more than rounding.
 const CHEAPER: f64 = 1.0 - 1e-6;
 
@@ -60,7 +62,7 @@ fn better(
     piece: Vec<Motion>,
     after: &[Motion],
 ) -> Vec<Motion> {
-    let costs = problem.costs;
+    let costs = &problem.costs;
     let goal = end_of(start, &piece);
     let gear = before.last().map(Motion::gear);
     // What follows may be in another gear.
@@ -85,7 +87,7 @@ fn better(
                 break;
             }
             let total = cost(word.motions());
-            if total < cheapest * CHEAPER && is_free(problem.checker, start, word.motions()) {
+            if total < cheapest * CHEAPER && is_free(&problem.checker, start, word.motions()) {
                 cheapest = total;
                 best = word.motions().to_vec();
             }
@@ -94,21 +96,22 @@ fn better(
     best
 }
 
-fn end_of(start: &Pose2, motions: &[Motion]) -> Pose2 {
+pub(crate) fn end_of(start: &Pose2, motions: &[Motion]) -> Pose2 {
     motions
         .iter()
         .fold(*start, |pose, motion| motion.end(&pose))
 }
 
-/// The path up to `at_m` along it, and the rest.
-fn split(path: Vec<Motion>, at_m: f64) -> (Vec<Motion>, Vec<Motion>) {
+/// The path up to about `at_m` along it, and the rest. Where a joint of two motions is as near as [`JOINT_M`], it is cut
+/// there: a sliver left over would become a change of gear for nothing.
+pub(crate) fn split(path: Vec<Motion>, at_m: f64) -> (Vec<Motion>, Vec<Motion>) {
     let (mut before, mut after) = (Vec::new(), Vec::new());
     let mut left = at_m;
     for motion in path {
         let length = motion.length_m();
-        if left >= length {
+        if left >= length - JOINT_M {
             before.push(motion);
-        } else if left > 0.0 {
+        } else if left > JOINT_M {
             before.push(motion.until(left));
             after.push(motion.after(left));
         } else {
@@ -120,7 +123,7 @@ fn split(path: Vec<Motion>, at_m: f64) -> (Vec<Motion>, Vec<Motion>) {
 }
 
 /// The same path with motions along the same circle in the same gear made one.
-fn joined(path: Vec<Motion>) -> Vec<Motion> {
+pub(crate) fn joined(path: Vec<Motion>) -> Vec<Motion> {
     let mut result: Vec<Motion> = Vec::with_capacity(path.len());
     for motion in path {
         match result.last_mut() {
@@ -134,4 +137,28 @@ fn joined(path: Vec<Motion>) -> Vec<Motion> {
         }
     }
     result
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_cut_beside_a_joint_is_made_at_the_joint() {
+        let there = Motion {
+            curvature: 0.3,
+            signed_m: 1.0,
+        };
+        let back = Motion {
+            curvature: 0.3,
+            signed_m: -2.0,
+        };
+        for at_m in [1.0 - 1e-15, 1.0, 1.0 + 1e-15, 1.0 + 1e-7] {
+            let (before, after) = split(vec![there, back], at_m);
+            assert_eq!((before, after), (vec![there], vec![back]), "at {at_m} m");
+        }
+        let (before, after) = split(vec![there, back], 1.5);
+        assert_eq!(before, [there, back.until(0.5)]);
+        assert_eq!(after, [back.after(0.5)]);
+    }
 }

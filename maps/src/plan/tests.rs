@@ -1,3 +1,5 @@
+mod effort;
+
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use proptest::prelude::*;
@@ -145,7 +147,7 @@ fn check_promises(
         least = least.min(clearance_by_points(grid, vehicle, &waypoint.pose, fine));
     }
     assert!(
-        least >= path.min_clearance_m - 0.002,
+        least >= path.min_clearance_m - 0.01,
         "{least} m < {} m",
         path.min_clearance_m
     );
@@ -268,7 +270,7 @@ fn a_start_on_an_obstacle_is_refused_with_the_distance() {
     );
     assert_eq!(
         found.to_string(),
-        "the start (1.10, -0.20) m is blocked: 0.00 m to the nearest obstacle, the vehicle needs 0.20 m around its middle"
+        "the start (1.10, -0.20) m is blocked by an obstacle at (1.02, -0.38) m, 0.00 m from the vehicle's middle, which needs 0.20 m around it"
     );
 }
 

@@ -1,8 +1,9 @@
 //! Which cells a vehicle can drive on, from the voxels of each column.
 //!
 //! 1. The top of every occupied run with enough room for the vehicle above it is a surface. Surfaces of neighbouring
-//!    columns at about the same height belong together; the lowest of the large ones is the ground, and so is whatever
-//!    continues it.
+//!    columns at about the same height belong together. If it is known where the vehicle stands, the ground is what it can
+//!    get to from there, in each column what it gets to first; else it is the lowest of the large ones. Whatever continues
+//!    it is ground, too.
 //! 2. The ground's height is the median of 5 × 5 columns, so that a voxel too high or too low is neither a step nor a hole,
 //!    while a kerb, which is long, remains one.
 //! 3. A cell is blocked by a *step* to a neighbour, by a *slope* of the plane through the ground under the vehicle, or by an
@@ -17,22 +18,33 @@
 mod columns;
 mod surface;
 
-use crate::traversability::{Cell, GridError, MAX_EDGE_CELLS, Traversability, Vehicle, distance};
+use crate::frame::{Point, World};
+use crate::traversability::{
+    Cell, ClassRule, ClassRules, Details, GridError, Hindrance, MAX_EDGE_CELLS, Traversability,
+    Vehicle, distance,
+};
 use crate::voxel::VoxelMap;
 use columns::Columns;
 use surface::Surface;
 
-/// How ground that was not seen everywhere is judged.
-#[derive(Clone, Copy, Debug, PartialEq)]
+/// How the ground is found and judged.
+#[derive(Clone, Debug, PartialEq)]
 pub struct GroundSettings {
     /// Gaps in the seen ground up to twice as wide are bridged at a cost; 0 bridges none. At most 16 cells are used.
     pub fill_radius_m: f64,
+    /// What ground of a class is good for.
+    pub classes: ClassRules,
+    /// Where the vehicle stands, if known: the ground is what is connected to the surface nearest to this in its column,
+    /// so that a bridge is driven over by who is on it and under by who is not.
+    pub at: Option<Point<World>>,
 }
 
 impl Default for GroundSettings {
     fn default() -> Self {
         Self {
             fill_radius_m: 0.15,
+            classes: ClassRules::default(),
+            at: None,
         }
     }
 }
@@ -49,19 +61,23 @@ impl Traversability {
     /// What `map` shows of the ground, at its resolution and over its known part, with default [`GroundSettings`]. A map
     /// wider than [`MAX_EDGE_CELLS`] is cut around its middle. Every cell is unknown in a map without ground.
     pub fn from_map(map: &VoxelMap, vehicle: &Vehicle) -> Self {
-        Self::from_map_with(map, vehicle, GroundSettings::default())
+        Self::from_map_with(map, vehicle, &GroundSettings::default())
     }
 
     /// What `map` shows of the ground with other settings.
-    pub fn from_map_with(map: &VoxelMap, vehicle: &Vehicle, settings: GroundSettings) -> Self {
+    pub fn from_map_with(map: &VoxelMap, vehicle: &Vehicle, settings: &GroundSettings) -> Self {
         let limits = Limits::new(map.resolution_m(), vehicle, settings);
         let Some(window) = Window::around(map, &limits) else {
             return Self::empty(map.resolution_m());
         };
         let columns = Columns::of(map, window);
-        let ground = columns::ground(&columns, &limits);
+        let seed = settings.at.and_then(|at| {
+            let key = map.key_of(at);
+            Some((window.cell(key.x, key.y)?, key.z))
+        });
+        let ground = columns::ground(&columns, seed, &limits);
         let surface = Surface::of(&ground, window.width, &limits);
-        let mut cells = judged(&columns, &surface, &limits);
+        let (mut cells, details) = judged(&columns, &surface, &settings.classes, &limits);
         bridge(&mut cells, &columns, &limits);
         let origin_m = [
             f64::from(window.x) * limits.resolution_m,
@@ -69,7 +85,10 @@ impl Traversability {
         ];
         let grid: Result<Self, GridError> =
             Self::from_cells(origin_m, limits.resolution_m, window.width, cells);
-        grid.expect("the window is a rectangle within the limit, at a map's resolution")
+        let mut grid =
+            grid.expect("the window is a rectangle within the limit, at a map's resolution");
+        grid.details = details;
+        grid
     }
 }
 
@@ -90,7 +109,7 @@ struct Limits {
 }
 
 impl Limits {
-    fn new(resolution_m: f64, vehicle: &Vehicle, settings: GroundSettings) -> Self {
+    fn new(resolution_m: f64, vehicle: &Vehicle, settings: &GroundSettings) -> Self {
         let cells = |length_m: f64| length_m / resolution_m;
         let fill_cells = cells(settings.fill_radius_m).clamp(0.0, MAX_FILL_CELLS);
         let fill_cells = if fill_cells.is_nan() { 0.0 } else { fill_cells };
@@ -143,45 +162,87 @@ impl Window {
     }
 
     fn cell(&self, x: i32, y: i32) -> Option<usize> {
-        let column = usize::try_from(x - self.x).ok()?;
-        let row = usize::try_from(y - self.y).ok()?;
+        let column = usize::try_from(x.checked_sub(self.x)?).ok()?;
+        let row = usize::try_from(y.checked_sub(self.y)?).ok()?;
         (column < self.width && row < self.height).then_some(row * self.width + column)
     }
 }
 
-/// Every cell, before gaps are bridged.
-fn judged(columns: &Columns, surface: &Surface, limits: &Limits) -> Vec<Cell> {
+/// Every cell with what was measured there, before gaps are bridged.
+fn judged(
+    columns: &Columns,
+    surface: &Surface,
+    classes: &ClassRules,
+    limits: &Limits,
+) -> (Vec<Cell>, Vec<Details>) {
     let nearest = surface.nearest_height();
     (0..surface.len())
-        .map(|cell| match surface.height(cell) {
-            Some(height) => on_ground(surface, cell, height, limits),
-            None => match nearest[cell] {
-                Some(height) if columns.hinders_above(cell, height, limits) => Cell::Blocked,
-                None if columns.has_occupied(cell) => Cell::Blocked,
-                Some(_) | None => Cell::Unknown,
-            },
+        .map(|cell| {
+            if let Some(height) = surface.height(cell) {
+                return on_ground(columns, (surface, cell), classes, height, limits);
+            }
+            let hindrance = match nearest[cell] {
+                Some(height) => columns.hinders_above(cell, height, limits),
+                None => columns.has_occupied(cell).then_some(Hindrance::NoGround),
+            };
+            let judged = hindrance.map_or(Cell::Unknown, |_| Cell::Blocked);
+            let details = Details {
+                hindrance,
+                ..Details::default()
+            };
+            (judged, details)
         })
-        .collect()
+        .unzip()
 }
 
-fn on_ground(surface: &Surface, cell: usize, height: f32, limits: &Limits) -> Cell {
-    if surface.is_edge(cell) {
-        return Cell::Blocked;
-    }
+fn on_ground(
+    columns: &Columns,
+    (surface, cell): (&Surface, usize),
+    classes: &ClassRules,
+    height: f32,
+    limits: &Limits,
+) -> (Cell, Details) {
+    let metres = |voxels: f32| (f64::from(voxels) * limits.resolution_m) as f32;
     let plane = surface.plane(cell);
     // Half a voxel over the plane's extent is less than the map can tell.
     let doubt = 0.5 / (2 * limits.plane_cells + 1) as f64;
     let (slope, steepest) = (f64::from(plane.slope), limits.max_slope_rad.tan());
-    if slope > steepest + doubt {
-        return Cell::Blocked;
+    let class = columns.class_of_ground(cell, height, limits);
+    let mut details = Details {
+        step_m: metres(surface.step(cell)),
+        slope_rad: plane.slope.atan(),
+        roughness_m: metres(plane.roughness),
+        headroom_m: metres(columns.headroom(cell, height)),
+        class,
+        hindrance: None,
+    };
+    let rule = classes.of(class);
+    details.hindrance = if surface.is_edge(cell) {
+        Some(Hindrance::Step {
+            rise_m: details.step_m,
+        })
+    } else if slope > steepest + doubt {
+        Some(Hindrance::Slope {
+            angle_rad: details.slope_rad,
+        })
+    } else {
+        (rule == ClassRule::Blocked).then_some(Hindrance::Class { class })
+    };
+    if details.hindrance.is_some() {
+        return (Cell::Blocked, details);
     }
     let steep = (slope - doubt).max(0.0) / steepest.max(1e-6);
     // Of that, up to half a voxel is how heights are rounded.
     let rough = (f64::from(plane.roughness) - 0.5).max(0.0) / f64::from(limits.step);
-    Cell::Drivable {
+    let by_class = match rule {
+        ClassRule::Cost(cost) => cost.max(0.0),
+        ClassRule::Blocked => 0.0,
+    };
+    let drivable = Cell::Drivable {
         height_m: (f64::from(height) + 0.5) * limits.resolution_m,
-        cost: SLOPE_COST * steep * steep + ROUGHNESS_COST * rough,
-    }
+        cost: SLOPE_COST * steep * steep + ROUGHNESS_COST * rough + by_class,
+    };
+    (drivable, details)
 }
 
 /// Makes unknown cells drivable that drivable ground closes around.

@@ -3,13 +3,16 @@
 use std::cmp::Reverse;
 
 use super::{Limits, Window};
-use crate::voxel::{Occupancy, VoxelMap};
+use crate::traversability::Hindrance;
+use crate::voxel::{ClassId, Occupancy, VoxelMap};
 
 /// Occupied voxels above each other without a gap; keys along z, both inclusive.
 #[derive(Clone, Copy, Debug, PartialEq)]
 struct Run {
     bottom: i32,
     top: i32,
+    /// Of the topmost voxel.
+    class: ClassId,
 }
 
 /// The columns of a window, cell by cell.
@@ -25,14 +28,14 @@ pub(super) struct Columns {
 impl Columns {
     pub(super) fn of(map: &VoxelMap, window: Window) -> Self {
         let count = window.width * window.height;
-        let mut occupied: Vec<(u32, i32)> = Vec::new();
+        let mut occupied: Vec<(u32, i32, ClassId)> = Vec::new();
         let mut lowest_free = vec![i32::MAX; count];
         for (key, voxel) in map.known() {
             let Some(cell) = window.cell(key.x, key.y) else {
                 continue;
             };
             match voxel.occupancy() {
-                Occupancy::Occupied => occupied.push((cell as u32, key.z)),
+                Occupancy::Occupied => occupied.push((cell as u32, key.z, voxel.class)),
                 Occupancy::Free => lowest_free[cell] = lowest_free[cell].min(key.z),
                 Occupancy::Unknown => {}
             }
@@ -43,11 +46,14 @@ impl Columns {
         for cell in 0..count as u32 {
             let begin = runs.len();
             first.push(begin as u32);
-            while let Some(&&(_, z)) = next.peek().filter(|(c, _)| *c == cell) {
-                next.next();
+            while let Some(&(_, z, class)) = next.next_if(|(c, ..)| *c == cell) {
                 match runs[begin..].last_mut() {
-                    Some(run) if run.top + 1 == z => run.top = z,
-                    _ => runs.push(Run { bottom: z, top: z }),
+                    Some(run) if run.top + 1 == z => (run.top, run.class) = (z, class),
+                    _ => runs.push(Run {
+                        bottom: z,
+                        top: z,
+                        class,
+                    }),
                 }
             }
         }
@@ -76,12 +82,41 @@ impl Columns {
         !self.runs(cell).is_empty()
     }
 
-    /// Whether something stands higher than a step and hangs lower than the vehicle's height over ground at `height`.
-    pub(super) fn hinders_above(&self, cell: usize, height: f32, limits: &Limits) -> bool {
-        self.runs(cell).iter().any(|run| {
+    /// What stands higher than a step and hangs lower than the vehicle's height over ground at `height`: the lowest of it.
+    pub(super) fn hinders_above(
+        &self,
+        cell: usize,
+        height: f32,
+        limits: &Limits,
+    ) -> Option<Hindrance> {
+        let run = self.runs(cell).iter().find(|run| {
             run.top as f32 > height + limits.step
                 && run.bottom as f32 - height <= limits.height as f32
+        })?;
+        let metres = |voxels: f32| (f64::from(voxels) * limits.resolution_m) as f32;
+        let gap = run.bottom as f32 - height - 1.0;
+        Some(if gap > limits.step {
+            Hindrance::Overhang { gap_m: metres(gap) }
+        } else {
+            Hindrance::Obstacle {
+                height_m: metres(run.top as f32 - height),
+            }
         })
+    }
+
+    /// Free voxels between ground at `height` and what hangs over it; infinite under the sky.
+    pub(super) fn headroom(&self, cell: usize, height: f32) -> f32 {
+        (self.runs(cell).iter())
+            .map(|run| run.bottom as f32 - height - 1.0)
+            .find(|gap| *gap > 0.0)
+            .unwrap_or(f32::INFINITY)
+    }
+
+    /// The class of the surface that is the ground at about `height`.
+    pub(super) fn class_of_ground(&self, cell: usize, height: f32, limits: &Limits) -> ClassId {
+        (self.runs(cell).iter())
+            .find(|run| (run.top as f32 - height).abs() <= limits.step)
+            .map_or(ClassId::NONE, |run| run.class)
     }
 
     /// Whether a ray went clearly deeper than ground at `height`.
@@ -97,24 +132,39 @@ struct Top {
     z: i32,
 }
 
-/// The height of the ground in each cell, as the key of its topmost voxel.
-pub(super) fn ground(columns: &Columns, limits: &Limits) -> Vec<Option<i32>> {
+/// The height of the ground in each cell, as the key of its topmost voxel. `seed` is the cell and height at which the vehicle
+/// stands.
+pub(super) fn ground(
+    columns: &Columns,
+    seed: Option<(usize, i32)>,
+    limits: &Limits,
+) -> Vec<Option<i32>> {
     let (tops, first) = tops(columns, limits);
     let patches = patches(columns, &tops, &first, limits);
     let mut ground = vec![None; columns.len()];
     let mut left = patches;
-    let Some(main) = lowest_of_the_large(&left, &tops) else {
-        return ground;
-    };
-    let main = left.remove(main);
-    accept(&mut ground, &tops, &main);
+    let under = seed.and_then(|(cell, z)| {
+        let of_cell = first[cell]..first[cell + 1];
+        of_cell.min_by_key(|&top| tops[top as usize].z.abs_diff(z))
+    });
+    if let Some(under) = under {
+        left.retain(|patch| !patch.contains(&under));
+        reach(&mut ground, (columns, &tops, &first), under, limits);
+    } else {
+        let Some(main) = lowest_of_the_large(&left, &tops) else {
+            return ground;
+        };
+        accept(&mut ground, &tops, &left.remove(main));
+    }
     // Each round may bring in what continues the round before; the largest patches decide first.
     for _ in 0..ROUNDS {
         let nearest = nearest_with_height(&ground, columns.width());
         let before = left.len();
         left.retain(|patch| {
             let continues = continues(patch, &tops, &nearest, columns.width(), limits);
-            if continues {
+            if continues && under.is_some() {
+                accept_beside(&mut ground, &tops, patch);
+            } else if continues {
                 accept(&mut ground, &tops, patch);
             }
             !continues
@@ -124,6 +174,42 @@ pub(super) fn ground(columns: &Columns, limits: &Limits) -> Vec<Option<i32>> {
         }
     }
     ground
+}
+
+/// What is connected to a top, nearest first: each column has one height, and nothing beyond one it already has is reached
+/// through it.
+fn reach(
+    ground: &mut [Option<i32>],
+    (columns, tops, first): (&Columns, &[Top], &[u32]),
+    from: u32,
+    limits: &Limits,
+) {
+    let link = link(limits);
+    let Top { cell, z } = tops[from as usize];
+    ground[cell] = Some(z);
+    let mut wave = vec![(cell, z)];
+    let mut next = 0;
+    while let Some(&(cell, z)) = wave.get(next) {
+        next += 1;
+        for neighbour in neighbours(cell, columns.width(), columns.len()) {
+            if ground[neighbour].is_some() {
+                continue;
+            }
+            let near = (first[neighbour]..first[neighbour + 1])
+                .map(|top| tops[top as usize].z)
+                .filter(|other| (other - z).abs() as f32 <= link)
+                .min_by_key(|other| other.abs_diff(z));
+            if let Some(other) = near {
+                ground[neighbour] = Some(other);
+                wave.push((neighbour, other));
+            }
+        }
+    }
+}
+
+/// Heights of neighbours that differ by more do not belong together.
+fn link(limits: &Limits) -> f32 {
+    limits.step.max(2.0) + limits.slope()
 }
 
 const ROUNDS: usize = 4;
@@ -153,7 +239,7 @@ fn tops(columns: &Columns, limits: &Limits) -> (Vec<Top>, Vec<u32>) {
 /// Tops connected from neighbour to neighbour, as indices; the largest patch first.
 fn patches(columns: &Columns, tops: &[Top], first: &[u32], limits: &Limits) -> Vec<Vec<u32>> {
     let width = columns.width();
-    let link = limits.step.max(2.0) + limits.slope();
+    let link = link(limits);
     let of_cell = |cell: usize| first[cell]..first[cell + 1];
     let mut seen = vec![false; tops.len()];
     let mut patches = Vec::new();
@@ -209,6 +295,14 @@ fn accept(ground: &mut [Option<i32>], tops: &[Top], patch: &[u32]) {
         let Top { cell, z } = tops[top as usize];
         let height = &mut ground[cell];
         *height = Some(height.map_or(z, |before: i32| before.min(z)));
+    }
+}
+
+/// Takes a patch where a column has no height yet.
+fn accept_beside(ground: &mut [Option<i32>], tops: &[Top], patch: &[u32]) {
+    for &top in patch {
+        let Top { cell, z } = tops[top as usize];
+        ground[cell].get_or_insert(z);
     }
 }
 

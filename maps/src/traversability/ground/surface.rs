@@ -19,6 +19,8 @@ pub(super) struct Surface {
     width: usize,
     /// Median height, in voxels; none where there is no ground.
     heights: Vec<Option<f32>>,
+    /// Largest difference to a neighbour or of the ground itself to its median, in voxels.
+    steps: Vec<f32>,
     edges: Vec<bool>,
     planes: Vec<Plane>,
 }
@@ -41,13 +43,16 @@ impl Surface {
                 median.filter(|m| top.is_some_and(|z| *m - z as f32 <= limits.step))
             })
             .collect();
-        let edges: Vec<bool> = (0..ground.len())
+        let (steps, edges): (Vec<f32>, Vec<bool>) = (0..ground.len())
+            .into_par_iter()
             .map(|cell| {
-                let sticks_out = (ground[cell].zip(heights[cell]))
-                    .is_some_and(|(z, height)| z as f32 - height > limits.step);
-                sticks_out || is_at_a_step(&heights, width, cell, limits)
+                let out =
+                    (ground[cell].zip(heights[cell])).map_or(0.0, |(z, height)| z as f32 - height);
+                let beside = step_beside(&heights, width, cell);
+                let is_edge = out > limits.step || beside > limits.step + limits.slope();
+                (out.max(beside), is_edge)
             })
-            .collect();
+            .unzip();
         let labels = labels(&heights, &edges, width, limits);
         let planes = (0..ground.len())
             .into_par_iter()
@@ -56,6 +61,7 @@ impl Surface {
         Self {
             width,
             heights,
+            steps,
             edges,
             planes,
         }
@@ -73,6 +79,11 @@ impl Surface {
     /// Whether the ground has a step here or something sticks out of it.
     pub(super) fn is_edge(&self, cell: usize) -> bool {
         self.edges[cell]
+    }
+
+    /// Largest difference of height, in voxels, to a neighbour or of what sticks out.
+    pub(super) fn step(&self, cell: usize) -> f32 {
+        self.steps[cell]
     }
 
     pub(super) fn plane(&self, cell: usize) -> Plane {
@@ -113,13 +124,15 @@ fn median_around(ground: &[Option<i32>], width: usize, cell: usize) -> Option<f3
     Some(0.5 * (heights[last / 2] + heights[last.div_ceil(2)]) as f32)
 }
 
-fn is_at_a_step(heights: &[Option<f32>], width: usize, cell: usize, limits: &Limits) -> bool {
+/// The largest difference to a neighbour, in voxels.
+fn step_beside(heights: &[Option<f32>], width: usize, cell: usize) -> f32 {
     let Some(height) = heights[cell] else {
-        return false;
+        return 0.0;
     };
     neighbours(cell, width, heights.len())
         .filter_map(|other| heights[other])
-        .any(|other| (other - height).abs() > limits.step + limits.slope())
+        .map(|other| (other - height).abs())
+        .fold(0.0, f32::max)
 }
 
 /// Numbers the parts of the ground between edges, from 1; 0 where there is none.

@@ -3,7 +3,8 @@ use rand::SeedableRng as _;
 use rand_pcg::Pcg64;
 
 use super::*;
-use crate::voxel::{LogOdds, Voxel, VoxelKey};
+use crate::traversability::{CellIndex, Layer};
+use crate::voxel::{ClassId, LogOdds, Voxel, VoxelKey};
 
 const OCCUPIED: Voxel = Voxel::new(LogOdds::MAX);
 const FREE: Voxel = Voxel::new(LogOdds::MIN);
@@ -222,8 +223,11 @@ fn walls_are_blocked_from_the_floor_up() {
 fn check_hole(edge: i32, fill_radius_m: f64, bridged: bool) {
     let hole = |x: i32, y: i32| (15..15 + edge).contains(&x) && (15..15 + edge).contains(&y);
     let map = floor_of(40, |x, y| (!hole(x, y)).then_some(0));
-    let settings = GroundSettings { fill_radius_m };
-    let grid = Traversability::from_map_with(&map, &vehicle(), settings);
+    let settings = GroundSettings {
+        fill_radius_m,
+        ..GroundSettings::default()
+    };
+    let grid = Traversability::from_map_with(&map, &vehicle(), &settings);
     for x in 15..15 + edge {
         for y in 15..15 + edge {
             assert_eq!(
@@ -307,6 +311,137 @@ fn two_voxels_at_opposite_ends_of_the_world_make_a_grid_of_bounded_size() {
     assert_eq!(grid.size(), (MAX_EDGE_CELLS, MAX_EDGE_CELLS));
 }
 
+#[track_caller]
+fn why(grid: &Traversability, x: i32, y: i32) -> Hindrance {
+    let middle = |key: i32| (f64::from(key) + 0.5) * RESOLUTION_M;
+    let index = grid.index_of(middle(x), middle(y)).expect("on the grid");
+    assert_eq!(grid.cell_at(index), Cell::Blocked);
+    grid.hindrance(index).expect("a reason")
+}
+
+#[test]
+fn a_blocked_cell_says_what_blocks_it() {
+    let mut map = floor_of(60, |x, y| Some(if x < 20 && y < 30 { -2 } else { 0 }));
+    add_box(&mut map, [40, 5, 1], [45, 25, 30]);
+    add_box(&mut map, [40, 40, 5], [50, 50, 6]);
+    let grid = Traversability::from_map(&map, &vehicle());
+    assert_eq!(why(&grid, 19, 10), Hindrance::Step { rise_m: 0.1 });
+    let tree = why(&grid, 45, 45);
+    assert_eq!(tree, Hindrance::Overhang { gap_m: 0.2 });
+    assert_eq!(tree.to_string(), "an overhang at 0.20 m");
+    assert_eq!(why(&grid, 42, 15).to_string(), "an obstacle 1.50 m high");
+    let steep = floor_of(60, |x, _| Some((f64::from(x) * 0.6).round() as i32));
+    let grid = Traversability::from_map(&steep, &vehicle());
+    assert_eq!(why(&grid, 30, 30).to_string(), "a slope of 31 deg");
+}
+
+#[test]
+fn layers_show_one_kind_each_and_nothing_where_nothing_is_known() {
+    let mut map = floor_of(40, |x, _| (x < 30).then_some(0));
+    add_box(&mut map, [10, 10, 20], [19, 19, 20]);
+    let grid = Traversability::from_map(&map, &vehicle());
+    let layer = |layer, x: f64, y: f64| {
+        let index = grid
+            .index_of(x * RESOLUTION_M, y * RESOLUTION_M)
+            .expect("on the grid");
+        grid.layer(layer, index)
+    };
+    let headroom = layer(Layer::Headroom, 15.5, 15.5).expect("a ceiling");
+    assert!((headroom - 0.95).abs() < 1e-6, "{headroom} m");
+    assert_eq!(layer(Layer::Headroom, 5.5, 5.5), None, "the sky");
+    assert_eq!(layer(Layer::Step, 5.5, 5.5), Some(0.0));
+    assert_eq!(layer(Layer::Class, 5.5, 5.5), None, "not classified");
+    let beyond = CellIndex { x: 9999, y: 0 };
+    for kind in Layer::ALL {
+        assert_eq!(
+            layer(kind, 35.5, 5.5),
+            None,
+            "{kind:?} of what nobody has seen"
+        );
+        assert_eq!(grid.layer(kind, beyond), None, "{kind:?} outside");
+    }
+}
+
+#[test]
+fn ground_of_a_class_costs_or_blocks_as_its_rule_says() {
+    let mut map = floor_of(40, |_, _| None);
+    for (x, y) in (0..40).flat_map(|x| (0..40).map(move |y| (x, y))) {
+        let class = ClassId(if x < 20 { 3 } else { 7 });
+        map.set_voxel(VoxelKey::new(x, y, 0), Voxel { class, ..OCCUPIED });
+    }
+    let rules = [
+        (ClassId(3), ClassRule::Cost(0.5)),
+        (ClassId(7), ClassRule::Blocked),
+    ];
+    let settings = GroundSettings {
+        classes: rules.into_iter().collect(),
+        ..GroundSettings::default()
+    };
+    let grid = Traversability::from_map_with(&map, &vehicle(), &settings);
+    let Cell::Drivable { cost, .. } = cell(&grid, 10, 20) else {
+        panic!("{:?}", cell(&grid, 10, 20));
+    };
+    assert!((cost - 0.5).abs() < 1e-9, "{cost}");
+    let class = ClassId(7);
+    assert_eq!(why(&grid, 30, 20), Hindrance::Class { class });
+}
+
+/// A road at 0 and a bridge over it: ramps up to 1 m at both ends and a deck between them.
+fn bridge() -> VoxelMap {
+    let mut map = floor_of(160, |_, _| Some(0));
+    for x in 20..140 {
+        let height = (x - 20).min(139 - x).min(80) / 4;
+        let height = height.min(12);
+        for y in 70..90 {
+            // Earth under the ramps, air under the deck.
+            let under = if height < 12 { 0 } else { height };
+            for z in under..=height {
+                map.set_voxel(VoxelKey::new(x, y, z), OCCUPIED);
+            }
+        }
+    }
+    map
+}
+
+#[test]
+fn a_bridge_is_driven_under_from_the_road_and_over_from_its_deck() {
+    let map = bridge();
+    let height = |at: Option<Point<World>>, x: i32, y: i32| {
+        let settings = GroundSettings {
+            at,
+            ..GroundSettings::default()
+        };
+        match cell(
+            &Traversability::from_map_with(&map, &vehicle(), &settings),
+            x,
+            y,
+        ) {
+            Cell::Drivable { height_m, .. } => Some(height_m),
+            Cell::Blocked | Cell::Unknown => None,
+        }
+    };
+    let at = |x: i32, y: i32, z: i32| Some(map.center_of(VoxelKey::new(x, y, z)));
+    let (road, deck) = (at(80, 20, 0), at(80, 80, 12));
+    assert_eq!(
+        height(None, 80, 80),
+        Some(0.025),
+        "the lowest, if nothing is known"
+    );
+    assert_eq!(height(road, 80, 80), Some(0.025), "under the deck");
+    assert_eq!(height(deck, 80, 80), Some(0.625), "on the deck");
+    assert_eq!(
+        height(deck, 80, 20),
+        Some(0.025),
+        "the road, by way of the ramp"
+    );
+    for x in 20..140 {
+        assert!(height(deck, x, 80).is_some(), "along the bridge at {x}");
+    }
+    for y in 60..100 {
+        assert!(height(road, 80, y).is_some(), "under the bridge at {y}");
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
     #[test]
@@ -323,15 +458,18 @@ proptest! {
             length_m: numbers[0], width_m: numbers[1], height_m: numbers[2], wheelbase_m: numbers[3],
             min_turning_radius_m: numbers[4], max_step_m: numbers[5], max_slope_rad: numbers[6],
         };
-        let settings = GroundSettings { fill_radius_m: numbers[7] };
+        let at = Point::new(numbers[0], numbers[1], numbers[2]);
+        let settings = GroundSettings {
+            fill_radius_m: numbers[7], at: Some(at), ..GroundSettings::default()
+        };
         for vehicle in [wild, vehicle()] {
-            let grid = Traversability::from_map_with(&map, &vehicle, settings);
+            let grid = Traversability::from_map_with(&map, &vehicle, &settings);
             for (_, cell) in grid.cells() {
                 if let Cell::Drivable { height_m, cost } = cell {
                     prop_assert!(height_m.is_finite() && cost >= 0.0);
                 }
             }
-            prop_assert_eq!(&grid, &Traversability::from_map_with(&map, &vehicle, settings));
+            prop_assert_eq!(&grid, &Traversability::from_map_with(&map, &vehicle, &settings));
         }
     }
 }
