@@ -1,5 +1,5 @@
 # Two commands matter: `make demo` and `make test`. Both install what is missing first.
-.PHONY: demo test lint doc bench audit setup clean
+.PHONY: demo test lint doc fuzz bench audit setup clean
 
 # One mission, end to end, into out/demo. DEMO="--help" shows its options.
 demo: setup
@@ -20,6 +20,10 @@ lint: setup
 
 doc: setup
 	RUSTDOCFLAGS=-Dwarnings cargo doc --workspace --no-deps --locked
+
+# Hostile bytes, five minutes for each reader.
+fuzz: setup
+	maps/octomap/fuzz/run
 
 bench: setup
 	cargo bench --workspace --locked --benches
