@@ -24,6 +24,7 @@ doc: setup
 # Hostile bytes, five minutes for each reader.
 fuzz: setup
 	maps/fuzz/run
+	maps/octomap/fuzz/run
 
 bench: setup
 	cargo bench --workspace --locked --benches

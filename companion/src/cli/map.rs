@@ -1,5 +1,10 @@
 //! `companion map`: what is asked of map files.
 
+#![expect(
+    clippy::doc_markdown,
+    reason = "these comments are the program's help, not Markdown"
+)]
+
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 

@@ -237,11 +237,9 @@ proptest! {
 #[test]
 fn colours_that_are_no_class_are_counted() {
     let mut map = VoxelMap::new(0.1);
-    for (x, color) in [[128, 0, 0], [17, 200, 3], [99, 99, 99]]
-        .into_iter()
-        .enumerate()
-    {
-        map.set_voxel(VoxelKey::new(x as i32, 0, 0), voxel((70, Some(color))));
+    let colors = [[128, 0, 0], [17, 200, 3], [99, 99, 99]];
+    for (x, color) in (0..).zip(colors) {
+        map.set_voxel(VoxelKey::new(x, 0, 0), voxel((70, Some(color))));
     }
     let mut file = Vec::new();
     write_ot_as(&map, Content::Color, Shape::default(), &mut file).expect("written");

@@ -10,6 +10,8 @@ use crate::voxel::{Voxel, VoxelKey};
 const OVERSAMPLING: usize = 2;
 /// Share of the cubes that may lie outside, at each of the four edges.
 const OUTSIDE: f64 = 0.002;
+/// Room at each edge, as a share of what lies between; most of those outside are just there.
+const MARGIN: f64 = 0.02;
 /// How much of the light the darkest corner takes.
 const CORNER: f64 = 0.45;
 /// How much of the light a place deep behind an edge loses.
@@ -87,11 +89,12 @@ impl View {
             if places.is_empty() {
                 continue;
             }
-            low[axis] = *places.select_nth_unstable_by(outside, f64::total_cmp).1 - 1.0;
-            high[axis] = *places
+            let least = *places.select_nth_unstable_by(outside, f64::total_cmp).1;
+            let most = *places
                 .select_nth_unstable_by(last - outside, f64::total_cmp)
-                .1
-                + 1.0;
+                .1;
+            let margin = 1.0 + MARGIN * (most - least);
+            (low[axis], high[axis]) = (least - margin, most + margin);
         }
         Self {
             projection,
