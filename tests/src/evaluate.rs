@@ -17,6 +17,7 @@ use clap::ValueEnum;
 use serde::Serialize;
 
 mod figures;
+mod map_update;
 mod table;
 
 pub use figures::{FigureError, Figures};
@@ -24,7 +25,10 @@ pub use table::Table;
 
 /// What can be measured: one module each.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
-pub enum Suite {}
+pub enum Suite {
+    /// Rules that fold the evidence of several sources into one map
+    MapUpdate,
+}
 
 /// What a suite is asked to do.
 pub struct Request<'a> {
@@ -47,12 +51,16 @@ pub struct Outcome {
 impl Suite {
     /// As the command line and the file's name have it.
     pub fn name(self) -> &'static str {
-        match self {}
+        match self {
+            Self::MapUpdate => "map-update",
+        }
     }
 
     /// Measures. Takes minutes.
-    pub fn run(self, _request: &mut Request<'_>) -> anyhow::Result<Outcome> {
-        match self {}
+    pub fn run(self, request: &mut Request<'_>) -> anyhow::Result<Outcome> {
+        match self {
+            Self::MapUpdate => map_update::run(request),
+        }
     }
 }
 

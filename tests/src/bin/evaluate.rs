@@ -24,11 +24,6 @@ struct Arguments {
     data: Option<PathBuf>,
 }
 
-#[expect(
-    unreachable_code,
-    unused_variables,
-    reason = "there is no suite yet, hence no arguments to parse"
-)]
 fn main() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
     let command = evaluate::command_line(env::args_os());
