@@ -17,6 +17,7 @@ use clap::ValueEnum;
 use serde::Serialize;
 
 mod figures;
+mod map_update;
 mod planning;
 mod table;
 
@@ -28,6 +29,8 @@ pub use table::Table;
 pub enum Suite {
     /// Paths of a ground vehicle against A\* with smoothing.
     Planning,
+    /// Rules that fold the evidence of several sources into one map
+    MapUpdate,
 }
 
 /// What a suite is asked to do.
@@ -53,6 +56,7 @@ impl Suite {
     pub fn name(self) -> &'static str {
         match self {
             Self::Planning => "planning",
+            Self::MapUpdate => "map-update",
         }
     }
 
@@ -60,6 +64,7 @@ impl Suite {
     pub fn run(self, request: &mut Request<'_>) -> anyhow::Result<Outcome> {
         match self {
             Self::Planning => planning::run(request),
+            Self::MapUpdate => map_update::run(request),
         }
     }
 }
