@@ -3,6 +3,7 @@
 //!
 //! - [`frame`]: points, vectors and transforms that carry their coordinate frames.
 //! - [`time`]: [`time::Stamp`], a moment on one monotonic clock, always passed in.
+//! - [`align`]: laying a scan or a local map on the global one.
 //! - [`camera`]: the pinhole camera and the RGB-D image it takes.
 //! - [`voxel`]: the voxel map, free and occupied; [`scan`]: adding what a sensor saw to it.
 //! - [`palette`]: the colours of classes, and from low to high; [`picture`]: a map drawn from above and from aside.
@@ -14,6 +15,7 @@
 //! - [`plan`]: paths for a car-like vehicle on that grid.
 //! - [`trajectory`]: stamped poses, their files, and the errors of an estimate.
 
+pub mod align;
 pub mod bev;
 pub mod camera;
 pub mod evidence;
