@@ -11,7 +11,7 @@ use groundstation::model::missions::{Mission, PlanState, Transfer};
 use groundstation::model::orders::OrderState;
 use groundstation::model::vehicle::{Battery, Heartbeat, Vehicle};
 use groundstation::model::{Model, Source, Timed};
-use groundstation::modes::{Kind, Mode};
+use groundstation::modes::{Firmware, Kind, Mode};
 use groundstation::view::{alerts, mission, orders, status, theme, vehicle};
 use maps::time::Stamp;
 use mavlink_ext::SystemId;
@@ -31,6 +31,7 @@ fn model(source: Source, armed: bool) -> Model {
         system_status: 3,
     };
     let mut rover = Vehicle::new(ROVER, Kind::Rover, Timed::new(told, at(10)));
+    rover.firmware = Firmware::ArduPilot;
     rover.battery = Some(Timed::new(
         Battery {
             voltage_v: Some(12.4),

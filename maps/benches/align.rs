@@ -41,10 +41,8 @@ struct Case {
 fn insert(map: &mut VoxelMap, pose: &Isometry3<f64>, points: &[Point3<f64>]) {
     let hits: Vec<Point<World>> = points.iter().map(|p| Point::from_raw(pose * p)).collect();
     map.insert_scan(&Scan {
-        origin: Point::from_raw(pose.translation.vector.into()),
-        hits: &hits,
-        colors: &[],
         max_range_m: 60.0,
+        ..Scan::new(Point::from_raw(pose.translation.vector.into()), &hits)
     });
 }
 
@@ -502,10 +500,7 @@ fn air_to_ground() {
         for resolution_m in [0.2, 0.5, 1.0] {
             let mut map = VoxelMap::new(resolution_m);
             // No rays: the car's cloud is of many places.
-            let occupied = Voxel {
-                log_odds: LogOdds::MAX,
-                color: None,
-            };
+            let occupied = Voxel::new(LogOdds::MAX);
             for p in &car {
                 map.set_voxel(map.key_of(Point::from_raw(*p)), occupied);
             }

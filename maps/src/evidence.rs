@@ -34,11 +34,11 @@ mod tandem;
 use crate::time::Stamp;
 use crate::voxel::Sources;
 
-pub use baseline::{Linear, LogOddsRule, Probability, Replace};
+pub use baseline::{Gain, Linear, LogOddsRule, Probability, Replace};
 pub use layer::EvidenceMap;
 pub use mass::Mass;
 pub use paper::{Agreement, Paper};
-pub use tandem::{Semantics, Tandem, TandemState, Theory};
+pub use tandem::{Semantics, Tandem, TandemState, Theory, Trust};
 
 /// Who says something.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

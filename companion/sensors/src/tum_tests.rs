@@ -134,7 +134,8 @@ fn what_is_wrong_is_named_with_its_file() {
         check_refused(&folder, words);
     };
     let grey = png(png::ColorType::Grayscale, png::BitDepth::Eight, &[0; 4]);
-    check("rgb.txt", None, &["cannot read", "rgb.txt"]);
+    check("rgb.txt", None, &["TUM layout", "no rgb.txt"]);
+    check("depth.txt", None, &["cannot read", "depth.txt"]);
     check(
         "rgb.txt",
         Some(b"1.0 rgb/0.png extra"),

@@ -345,8 +345,8 @@ mod tests {
                 map.set_voxel(
                     VoxelKey { x, y, z: -1 },
                     Voxel {
-                        log_odds: LogOdds(70),
                         color,
+                        ..Voxel::new(LogOdds(70))
                     },
                 );
                 for z in 0..5 {

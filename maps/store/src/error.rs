@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use maps::tile::{TileError, TileId};
-use rusqlite::ErrorCode;
+use rusqlite::{Error, ErrorCode};
 
 /// Why a store could not do something.
 #[derive(Debug, thiserror::Error)]
@@ -127,6 +127,17 @@ impl StoreError {
             Some(ErrorCode::DiskFull) => Self::Full { path },
             Some(ErrorCode::DatabaseBusy | ErrorCode::DatabaseLocked) => Self::Busy { path },
             Some(ErrorCode::DatabaseCorrupt) => Self::Corrupt { path, source },
+            // What a row points at is gone, or a column holds what nobody puts there.
+            None if matches!(
+                source,
+                Error::QueryReturnedNoRows
+                    | Error::InvalidColumnType(..)
+                    | Error::FromSqlConversionFailure(..)
+                    | Error::IntegralValueOutOfRange(..)
+            ) =>
+            {
+                Self::Corrupt { path, source }
+            }
             _ => Self::Device { path, source },
         }
     }

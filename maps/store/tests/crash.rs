@@ -15,7 +15,7 @@ use store::{AsOf, Keep, Settings, Store};
 
 const KILLS: u64 = 200;
 const SEED: u64 = 20_260_611;
-const TILES: i32 = 12;
+const TILES: i32 = 3;
 /// Tells the test that it is the process to be killed, and which store to write to.
 const STORE: &str = "STORE_CRASH_TEST_FILE";
 const ROUND: &str = "STORE_CRASH_TEST_ROUND";
@@ -52,7 +52,7 @@ struct Acknowledged {
     at: Stamp,
 }
 
-/// Writes until it is killed. Its clock runs faster than ours: each version takes up to 60 ms of it.
+/// Writes until it is killed. Its clock runs faster than ours: each version takes up to 150 ms of it.
 fn write(path: &Path, round: u64) {
     let mut random = Pcg64::seed_from_u64(SEED ^ round << 20);
     let mut store = Store::open(path, Settings::default()).expect("it opens after every crash");
@@ -62,7 +62,7 @@ fn write(path: &Path, round: u64) {
     let mut out = std::io::stdout().lock();
     // An end of its own, should nobody kill it.
     for _ in 0..20_000 {
-        now = now + Duration::from_micros(random.random_range(1..60_000));
+        now = now + Duration::from_micros(random.random_range(1..150_000));
         let id = TileId {
             x: random.random_range(0..TILES),
             y: 0,
@@ -115,7 +115,7 @@ fn parse(line: &str) -> Option<Acknowledged> {
 /// Runs a writer, kills it after so many versions and a little more, and gives all it has acknowledged.
 fn killed(path: &Path, round: u64, random: &mut Pcg64) -> Vec<Acknowledged> {
     let (mut child, mut out) = spawn(path, round);
-    let enough = random.random_range(0..120);
+    let enough = random.random_range(0..20);
     let mut acknowledged = Vec::new();
     let mut line = String::new();
     while acknowledged.len() < enough && out.read_line(&mut line).is_ok_and(|length| length > 0) {
@@ -206,7 +206,7 @@ fn a_store_survives_being_killed_at_any_point() {
         "{KILLS} kills, {all} versions acknowledged, {lost} lost, the oldest {longest:?} before the end; {kept} kept"
     );
     assert!(
-        all as u64 > 20 * KILLS,
+        all as u64 > 5 * KILLS,
         "{all} acknowledged: the writer got to work"
     );
 }

@@ -144,7 +144,7 @@ fn what_is_missing_is_named() {
     let topics = Topics::default;
     check_refused(&path, topics(), &["cannot read", "flight.mcap"]);
     fs::write(&path, b"not an mcap file at all").expect("writes");
-    check_refused(&path, topics(), &["flight.mcap", "damaged"]);
+    check_refused(&path, topics(), &["flight.mcap is no MCAP file"]);
     record(&path, 2);
     let elsewhere = |change: fn(&mut Topics)| {
         let mut topics = topics();
