@@ -334,12 +334,17 @@ fn check_origin(settings: &Settings) -> Check {
 }
 
 fn check_disk(out: &Path) -> Result<String, String> {
+    let was_there = out.exists();
     let probe = out.join(".doctor");
     output::write_atomically(&probe, |_file| Ok(())).map_err(|error| chain(&error))?;
     fs::remove_file(&probe)
         .map_err(|error| format!("cannot remove {}: {error}", probe.display()))?;
     let space = rustix::fs::statvfs(out)
         .map_err(|error| format!("cannot examine {}: {error}", out.display()))?;
+    if !was_there {
+        // Looking leaves nothing behind.
+        fs::remove_dir(out).map_err(|error| format!("cannot remove {}: {error}", out.display()))?;
+    }
     let free = space.f_bavail.saturating_mul(space.f_frsize);
     let text = format!(
         "{:.1} GiB free in {}",

@@ -153,6 +153,8 @@ impl App {
     /// Takes in what has happened, waiting for it at most `patience`, and reacts.
     pub fn logic(&mut self, patience: Duration) {
         if self.replay.is_some() {
+            // Nothing comes from a link that is not there: this only waits.
+            self.take_frames(patience);
             self.advance_replay();
         } else {
             self.take_frames(patience);

@@ -162,7 +162,7 @@ impl Record {
     }
 
     fn print(&mut self, name: &str) {
-        let mut at = |values: &mut Vec<f64>, share: f64| {
+        let at = |values: &mut Vec<f64>, share: f64| {
             values.sort_by(f64::total_cmp);
             let last = values.len().saturating_sub(1) as f64;
             values

@@ -57,7 +57,9 @@ fn kitti(folder: &Path) -> Result<Vec<Sweep>, Box<dyn Error>> {
     let mut sweeps = Vec::new();
     for (number, line) in poses.lines().enumerate() {
         let numbers: Result<Vec<f64>, _> = line.split_whitespace().map(str::parse).collect();
-        let m: [f64; 12] = numbers?.try_into().map_err(|_| "a pose has 12 numbers")?;
+        let m: [f64; 12] = numbers?
+            .try_into()
+            .map_err(|_not_12: Vec<f64>| "a pose has 12 numbers")?;
         let bytes = std::fs::read(folder.join(format!("{:010}.bin", number * 5)))?;
         let (points, _) = bytes.as_chunks::<16>();
         let hits = points.iter().map(|point| {

@@ -69,6 +69,7 @@ struct RunArgs {
     #[arg(
         long,
         value_name = "X,Y,HEADING_DEG",
+        requires = "rover",
         default_value = "0,0,90",
         allow_hyphen_values = true
     )]

@@ -89,6 +89,12 @@ pub fn run(
         .transpose()?;
     attend(settings, &mut simulation, (events, &links), watch);
     let recording = recorder.map(Recorder::finish).transpose()?;
+    if let Some(recording) = recording.as_ref().filter(|recording| recording.stopped) {
+        tracing::warn!(
+            frames = recording.frames,
+            "the run ended before the recording: without --copter and --rover it is as long as --duration says"
+        );
+    }
     let scene = format!("{:?}", settings.scene).to_lowercase();
     let report = Report::new(&scene, settings.seed, &simulation, recording);
     if let Some(path) = &settings.report {

@@ -178,6 +178,13 @@ impl Station {
             ..fix.value.geodetic
         };
         if let Ok(origin) = Origin::new(geodetic.lat_deg, geodetic.lon_deg, geodetic.alt_m) {
+            self.say(
+                Severity::Notice,
+                format!(
+                    "no companion tells the map's origin: the position of {} stands in",
+                    self.model.name_of(id)
+                ),
+            );
             self.set_origin(MapOrigin {
                 origin,
                 geodetic,

@@ -60,7 +60,11 @@ fn trial(kind: Kind, seed: u64) -> Trial {
     let random = &mut random(seed);
     let scene = Scene::new(kind, random);
     // The voxels of the map have nothing to do with the walls of the scene, except that half of the maps have their axes.
-    let turn = if seed % 2 == 0 { 0.0 } else { normal(random) };
+    let turn = if seed.is_multiple_of(2) {
+        0.0
+    } else {
+        normal(random)
+    };
     let shift = 5.0 * normal(random);
     let world_from_scene = at(shift, 0.37 * shift, 0.11 * shift, turn);
     let mut map = VoxelMap::new(0.1);

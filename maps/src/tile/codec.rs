@@ -234,9 +234,8 @@ fn is_same(one: Option<&Block>, other: Option<&Block>, detail: Detail) -> bool {
         return one.is_none() && other.is_none();
     };
     let are_seen_alike = || {
-        let surfaces = one.surfaces().iter().zip(other.surfaces());
-        one.slices_seen() == other.slices_seen()
-            && surfaces.map(|(a, b)| a.seen == b.seen).all(|same| same)
+        let mut surfaces = one.surfaces().iter().zip(other.surfaces());
+        one.slices_seen() == other.slices_seen() && surfaces.all(|(a, b)| a.seen == b.seen)
     };
     one == other && (detail < Detail::Sightings || are_seen_alike())
 }

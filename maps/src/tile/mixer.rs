@@ -66,7 +66,7 @@ impl<const N: usize> Mixer<N> {
         for (i, context) in contexts.iter().enumerate() {
             at[i] = i * SLOTS as usize + (context & (SLOTS - 1)) as usize;
             inputs[i] = input(self.counters[at[i]]);
-            sum += inputs[i] * weights[i] >> 8;
+            sum += (inputs[i] * weights[i]) >> 8;
         }
         let one = squash(sum >> 8);
         let bit = coder.code(one, bit);
@@ -109,7 +109,7 @@ fn input(counter: u32) -> i32 {
     let probability = (counter ^ 1 << 31) >> 20;
     let seen = counter & ((1 << SEEN_BITS) - 1);
     let stretched = i32::from(STRETCH[probability as usize]);
-    stretched * CONFIDENCE[(seen as usize).min(CONFIDENCE.len() - 1)] >> 8
+    (stretched * CONFIDENCE[(seen as usize).min(CONFIDENCE.len() - 1)]) >> 8
 }
 
 fn learn(counter: &mut u32, bit: bool) {
@@ -126,7 +126,7 @@ static STEP: [i64; SEEN_LIMIT as usize + 1] = {
     let mut table = [0; SEEN_LIMIT as usize + 1];
     let mut seen = 0;
     while seen < table.len() {
-        table[seen] = 2 * 65_536 / (2 * seen as i64 + 3);
+        table[seen] = 2 * 65_536 / (2 * seen as u64 + 3).cast_signed();
         seen += 1;
     }
     table
@@ -143,7 +143,7 @@ const fn squash_table() -> [u16; 2 * MOST as usize + 1] {
     let mut table = [0; 2 * MOST as usize + 1];
     let mut i = 0;
     while i < table.len() {
-        let x = (i as i32 - MOST) as f64 / ONE as f64;
+        let x = ((i as u32).cast_signed() - MOST) as f64 / ONE as f64;
         table[i] = (65_536.0 / (1.0 + exp(-x))) as u16;
         i += 1;
     }
@@ -182,7 +182,7 @@ static STRETCH: [i16; 4096] = {
         while i + 1 < squash.len() && (squash[i] as usize) < probability * 16 + 8 {
             i += 1;
         }
-        table[probability] = (i as i32 - MOST) as i16;
+        table[probability] = ((i as u32).cast_signed() - MOST) as i16;
         probability += 1;
     }
     table
@@ -197,8 +197,8 @@ mod tests {
     fn squash_and_stretch_are_inverse_to_each_other() {
         assert_eq!(squash(0), 32_768);
         assert_eq!(squash(ONE), 47_910, "65536 / (1 + 1 / e), cut off");
-        for probability in 8..4088_usize {
-            let back = usize::from(squash(i32::from(STRETCH[probability])));
+        for (probability, stretched) in STRETCH.iter().enumerate().take(4088).skip(8) {
+            let back = usize::from(squash(i32::from(*stretched)));
             let middle = probability * 16 + 8;
             // A step of x changes p by at most 64.
             assert!(back.abs_diff(middle) <= 64, "{middle} comes back as {back}");

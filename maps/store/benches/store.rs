@@ -120,9 +120,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     ] {
         let (read, reading) = time(|| {
             let ids = (0..tiles.min(100)).map(|x| TileId { x, y: 0, z: 0 });
-            ids.map(|id| store.tile(id, as_of))
-                .filter(Result::is_ok)
-                .count()
+            ids.filter(|id| store.tile(*id, as_of).is_ok()).count()
         });
         println!(
             "get, {name}: {:.1} tiles/s",

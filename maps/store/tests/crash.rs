@@ -62,7 +62,7 @@ fn write(path: &Path, round: u64) {
     let mut out = std::io::stdout().lock();
     // An end of its own, should nobody kill it.
     for _ in 0..20_000 {
-        now = now + Duration::from_micros(random.random_range(1..150_000));
+        now += Duration::from_micros(random.random_range(1..150_000));
         let id = TileId {
             x: random.random_range(0..TILES),
             y: 0,

@@ -362,6 +362,10 @@ fn two_stores_find_where_they_differ_by_region() {
 }
 
 #[track_caller]
+#[expect(
+    clippy::unnecessary_debug_formatting,
+    reason = "as the errors quote it"
+)]
 fn check_refused(path: &Path, ending: &str) {
     let Err(error) = Store::open(path, Settings::default()) else {
         panic!("it was opened");
@@ -455,7 +459,7 @@ fn a_damaged_file_never_gives_another_tile() {
         for (sequence, version) in sequences.iter().zip(1..) {
             match store.tile(HOME, AsOf::Sequence(*sequence)) {
                 Ok(Some(found)) if found.version == version => {
-                    assert_eq!(found, tile(HOME, version))
+                    assert_eq!(found, tile(HOME, version));
                 }
                 // A damaged index may hide a version, which is not the same as to change it.
                 Ok(Some(found)) => assert_eq!(found, tile(HOME, found.version)),

@@ -54,7 +54,9 @@ pub(super) fn run(request: &mut Request<'_>) -> anyhow::Result<Outcome> {
         })
         .collect();
     for scene in Scene::ALL {
-        rows.iter_mut().for_each(|row| row.scores.push(Vec::new()));
+        for row in &mut rows {
+            row.scores.push(Vec::new());
+        }
         for seed in first..first.saturating_add(TEST_SEEDS) {
             (request.say)(&format!("{} {seed}: every rule", scene.name()));
             let recording = Recording::of(scene, seed)?;

@@ -26,19 +26,19 @@ pub(super) enum Method {
     Tandem,
 }
 
-/// Ours with something left out.
+/// What is left out of ours.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Ablation {
-    /// Nothing fades.
-    NoDecay,
-    /// No classes.
-    NoSemantics,
-    /// No mass for unknown.
-    NoUnknown,
-    /// Newer evidence takes nothing from older.
-    NoRevision,
-    /// Sources gather weight without bound.
-    NoCeiling,
+    /// Evidence fades.
+    Decay,
+    /// Classes count.
+    Semantics,
+    /// Mass for unknown.
+    Unknown,
+    /// Newer evidence takes from older.
+    Revision,
+    /// The weight that a source gathers is bounded.
+    Ceiling,
 }
 
 /// A number that is fitted.
@@ -248,20 +248,20 @@ pub(super) fn tandem(values: &[f64]) -> Tandem {
 
 impl Ablation {
     pub(super) const ALL: [Self; 5] = [
-        Self::NoDecay,
-        Self::NoSemantics,
-        Self::NoUnknown,
-        Self::NoRevision,
-        Self::NoCeiling,
+        Self::Decay,
+        Self::Semantics,
+        Self::Unknown,
+        Self::Revision,
+        Self::Ceiling,
     ];
 
     pub(super) fn name(self) -> &'static str {
         match self {
-            Self::NoDecay => "tandem-no-decay",
-            Self::NoSemantics => "tandem-no-semantics",
-            Self::NoUnknown => "tandem-no-unknown",
-            Self::NoRevision => "tandem-no-revision",
-            Self::NoCeiling => "tandem-no-ceiling",
+            Self::Decay => "tandem-no-decay",
+            Self::Semantics => "tandem-no-semantics",
+            Self::Unknown => "tandem-no-unknown",
+            Self::Revision => "tandem-no-revision",
+            Self::Ceiling => "tandem-no-ceiling",
         }
     }
 
@@ -269,14 +269,14 @@ impl Ablation {
     pub(super) fn in_full(self, values: &[f64], judge: &Judge, recording: &Recording) -> Score {
         let mut rule = tandem(values);
         match self {
-            Self::NoDecay => rule
+            Self::Decay => rule
                 .trust
                 .iter_mut()
                 .for_each(|trust| trust.decay_per_s = 0.0),
-            Self::NoSemantics => rule.semantics = Semantics::Ignored,
-            Self::NoUnknown => rule.theory = Theory::Probabilities,
-            Self::NoRevision => (rule.static_revision, rule.movable_revision) = (0.0, 0.0),
-            Self::NoCeiling => rule.trust.iter_mut().for_each(|trust| trust.ceiling = 50.0),
+            Self::Semantics => rule.semantics = Semantics::Ignored,
+            Self::Unknown => rule.theory = Theory::Probabilities,
+            Self::Revision => (rule.static_revision, rule.movable_revision) = (0.0, 0.0),
+            Self::Ceiling => rule.trust.iter_mut().for_each(|trust| trust.ceiling = 50.0),
         }
         judge.in_full(rule, values.first().copied().unwrap_or(0.5), recording)
     }

@@ -210,7 +210,7 @@ fn prior(world: &World, age: Duration, random: &mut Pcg64) -> Report {
     });
     let look = Look {
         source: Source::Prior,
-        at: Stamp::ZERO + (START - age),
+        at: Stamp::ZERO + START.saturating_sub(age),
         view: View(0),
     };
     (look, seen.collect())

@@ -88,7 +88,7 @@ impl<'a> Inflated<'a> {
             if cost > costs[at] {
                 continue;
             }
-            let (x, y) = ((at % width) as isize, (at / width) as isize);
+            let (x, y) = ((at % width).cast_signed(), (at / width).cast_signed());
             let free = |u: isize, v: isize| {
                 let inside = u >= 0 && v >= 0 && (u as usize) < width && (v as usize) < height;
                 inside

@@ -91,8 +91,7 @@ impl Site {
     /// 1.4 m deep and 3 m wide across the whole site, with three crossings 5 m wide.
     fn ditch(&mut self) {
         let at = self.random.random_range(150..350);
-        let crossings: [i32; 3] =
-            std::array::from_fn(|i| self.random.random_range(0..120) + 160 * i as i32);
+        let crossings: [i32; 3] = [0, 160, 320].map(|from| self.random.random_range(0..120) + from);
         for y in at..at + 15 {
             for x in 0..EDGE {
                 let crosses = crossings.iter().any(|c| (c..&(c + 25)).contains(&&x));
