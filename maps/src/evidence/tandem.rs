@@ -79,7 +79,7 @@ pub struct Tandem {
     pub theory: Theory,
 }
 
-/// Fitted on simulated streets; `evaluate map-update` fits the same parameters again.
+/// Set by hand; `evaluate map-update` fits these parameters, as those of the other rules, on its training seeds.
 impl Default for Tandem {
     fn default() -> Self {
         let trust = |occupied, free, ceiling, decay_per_s| Trust {
