@@ -29,7 +29,7 @@
 //! let wall: Vec<[f64; 3]> = (0..8000).map(|i| [f64::from(i % 200) * 0.05, 4.0, f64::from(i / 200) * 0.05]).collect();
 //! let mut map = VoxelMap::new(0.1);
 //! for &[x, y, z] in &wall {
-//!     map.set_voxel(map.key_of(Point::new(x, y, z)), Voxel { log_odds: LogOdds::MAX, color: None });
+//!     map.set_voxel(map.key_of(Point::new(x, y, z)), Voxel::new(LogOdds::MAX));
 //! }
 //! let scan: Vec<Point<Body>> = wall.iter().map(|&[x, y, z]| Point::new(x, y, z)).collect();
 //!

@@ -1,6 +1,6 @@
 //! `evaluate`: every table of figures, each by one suite that anyone can run again.
 //!
-//! A suite measures and returns [`Figures`], a list of numbers with fixed keys, and a text for people. [`write`] keeps
+//! A suite measures and returns [`Figures`], a list of numbers with fixed keys, and a text for people. [`write()`] keeps
 //! the figures with the commit and the command that made them:
 //!
 //! ```text

@@ -30,7 +30,7 @@ pub enum Agreement {
     Corrected,
 }
 
-/// The paper's rule. See the [module](self).
+/// The paper's rule, Eq. (20) to (25).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Paper {
     /// Per second: how fast what is known loses weight.

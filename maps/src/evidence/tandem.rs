@@ -62,7 +62,7 @@ pub enum Theory {
     Probabilities,
 }
 
-/// Our rule. See the [module](self).
+/// Our rule.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Tandem {
     /// What a source is worth, by the index of [`Source::ALL`](super::Source::ALL).
