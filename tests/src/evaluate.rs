@@ -96,16 +96,22 @@ pub fn write(
     )
 }
 
-fn write_document(folder: &Path, document: &Document<'_>) -> anyhow::Result<PathBuf> {
-    let remedy = "name another folder with --out";
+const REMEDY: &str = "name another folder with --out";
+
+/// Makes the folder for figures, unless it is there.
+pub fn make_folder(folder: &Path) -> anyhow::Result<()> {
     fs::create_dir_all(folder)
-        .with_context(|| format!("cannot make {}: {remedy}", folder.display()))?;
+        .with_context(|| format!("cannot make {}: {REMEDY}", folder.display()))
+}
+
+fn write_document(folder: &Path, document: &Document<'_>) -> anyhow::Result<PathBuf> {
+    make_folder(folder)?;
     let file = folder.join(format!("{}.json", document.suite));
     let text = serde_json::to_string_pretty(document).context("cannot write figures as JSON")?;
     let partial = file.with_extension("json.partial");
     fs::write(&partial, text + "\n")
         .and_then(|()| fs::rename(&partial, &file))
-        .with_context(|| format!("cannot write {}: {remedy}", file.display()))?;
+        .with_context(|| format!("cannot write {}: {REMEDY}", file.display()))?;
     Ok(file)
 }
 

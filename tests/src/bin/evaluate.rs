@@ -28,12 +28,15 @@ fn main() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
     let command = evaluate::command_line(env::args_os());
     let mut say = |text: &str| drop(writeln!(io::stderr(), "{text}"));
+    // Before minutes of measuring, not after.
+    evaluate::make_folder(&arguments.out)?;
     let outcome = arguments.suite.run(&mut Request {
         seed: arguments.seed,
         data: arguments.data.as_deref(),
         say: &mut say,
     })?;
+    writeln!(io::stdout(), "{}", outcome.text)?;
     let file = evaluate::write(&arguments.out, arguments.suite, &command, &outcome.figures)?;
-    writeln!(io::stdout(), "{}\nin {}", outcome.text, file.display())?;
+    writeln!(io::stdout(), "in {}", file.display())?;
     Ok(())
 }
