@@ -30,7 +30,7 @@ impl Tile {
         self.encode_as(Detail::Surface)
     }
 
-    /// The compressed form with that much detail. Takes about 0.3 s for each million voxels in known blocks.
+    /// The compressed form with that much detail. Takes time in the voxels of known blocks.
     pub fn encode_as(&self, detail: Detail) -> Vec<u8> {
         write(&self.reduced(detail), None, detail)
     }
@@ -42,7 +42,7 @@ impl Tile {
     }
 
     /// The tile of which this is the compressed form; one that is a change of a base is refused. Takes at most the memory
-    /// and time of a full tile, about 25 MB and 2 million voxels, whatever the bytes.
+    /// and time of a full tile, 2 million voxels, whatever the bytes.
     pub fn decode(bytes: &[u8]) -> Result<Self, TileError> {
         let (header, payload) = TileHeader::split(bytes)?;
         if let Some(needed) = header.base {
