@@ -34,16 +34,32 @@ pub enum ConfigError {
         /// Where and why.
         source: Box<toml::de::Error>,
     },
-    /// A value that makes no sense.
-    #[error("{key} is {value}, expected {expected}")]
-    Value {
-        /// The key with its table.
-        key: &'static str,
-        /// What it is.
-        value: String,
-        /// What it should be.
-        expected: &'static str,
-    },
+    /// Values that make no sense, all of them.
+    #[error("{}", listed(.0))]
+    Values(Vec<Fault>),
+}
+
+/// A value that makes no sense.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Fault {
+    /// The key with its table.
+    pub key: &'static str,
+    /// What it is.
+    pub value: String,
+    /// What it should be.
+    pub expected: &'static str,
+}
+
+fn listed(faults: &[Fault]) -> String {
+    let line = |fault: &Fault| {
+        let Fault {
+            key,
+            value,
+            expected,
+        } = fault;
+        format!("{key} is {value}, expected {expected}")
+    };
+    faults.iter().map(line).collect::<Vec<_>>().join("; ")
 }
 
 /// The whole file.
@@ -164,6 +180,9 @@ pub struct SlamTable {
     pub initial_heading_deg: f64,
     /// How high it is above the floor where no floor is in view at the start.
     pub initial_height_m: f64,
+    /// The least and the greatest height above the floor that the camera can have at the start: planes at other heights,
+    /// tables say, are not taken for it.
+    pub floor_below_m: [f64; 2],
 }
 
 /// `[map]`
@@ -255,6 +274,7 @@ impl Default for SlamTable {
         Self {
             initial_heading_deg: 90.0,
             initial_height_m: 1.5,
+            floor_below_m: [0.15, 20.0],
         }
     }
 }

@@ -3,22 +3,25 @@
 use std::collections::BTreeSet;
 use std::fmt;
 use std::fs;
+use std::net::{SocketAddr, ToSocketAddrs as _};
 use std::path::Path;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Duration;
 
 use geodesy::Geodetic;
-use maps::camera::Pinhole;
+use maps::camera::{Pinhole, RgbdFrame};
 use mavlink_ext::dialect::tandem::{HEARTBEAT_DATA, MavAutopilot, MavType};
 use mavlink_ext::link::{Link, LinkError, LinkUri};
 use mavlink_ext::presence::companion_heartbeat;
 use mavlink_ext::{Address, Encoder, Message};
 use sensors::RgbdSource;
+use slam::Floor;
 
 use crate::clock::{Clock, since_1970};
 use crate::config::Settings;
 use crate::event::LinkId;
 use crate::output;
+use crate::pipeline::uav::{FloorFigures, Mapper};
 use crate::pipeline::{self, chain};
 
 /// Less is not enough for the map and the report of a flight.
@@ -77,8 +80,14 @@ const HEARTBEAT_EVERY: Duration = Duration::from_secs(1);
 pub fn examine(settings: &Settings, clock: Clock, listen: Duration, mut tell: impl FnMut(Check)) {
     match pipeline::open_source(&settings.source) {
         Ok(mut source) => {
-            tell(Check::new("source", check_source(source.as_mut())));
             tell(check_camera(&source.camera()));
+            match check_source(source.as_mut()) {
+                Ok((first, text)) => {
+                    tell(Check::new("source", Ok(text)));
+                    tell(check_floor(&first, source.camera(), settings));
+                }
+                Err(fault) => tell(Check::new("source", Err(fault))),
+            }
         }
         Err(error) => tell(Check::new("source", Err(chain(&error)))),
     }
@@ -91,7 +100,8 @@ pub fn examine(settings: &Settings, clock: Clock, listen: Duration, mut tell: im
     tell(Check::new("clock", check_clock(since_1970())));
 }
 
-fn check_source(source: &mut dyn RgbdSource) -> Result<String, String> {
+/// The first frame, and what is to be said of the source.
+fn check_source(source: &mut dyn RgbdSource) -> Result<(RgbdFrame, String), String> {
     let count = source.frame_count();
     let first = source.next_frame().map_err(|error| chain(&error))?;
     let first = first.ok_or("it has no frames: choose another recording")?;
@@ -104,10 +114,35 @@ fn check_source(source: &mut dyn RgbdSource) -> Result<String, String> {
     }
     let count = count.map_or("unknown number of".to_owned(), |n| n.to_string());
     let truth = source.truth().len();
-    Ok(format!(
+    let text = format!(
         "{}, {count} frames, {share} % of the first has depth, {truth} true poses",
         source.name()
-    ))
+    );
+    Ok((first, text))
+}
+
+/// Heights in the map count from the floor of the first frame.
+fn check_floor(first: &RgbdFrame, camera: Pinhole, settings: &Settings) -> Check {
+    let mut mapper = Mapper::new(camera, &settings.mapping);
+    let tracked = mapper.track(first);
+    let finding = match (tracked, mapper.floor()) {
+        (Err(error), _) => Finding::Failed(chain(&error)),
+        (Ok(_), None) => Finding::Note(
+            "the map does not start with the first frame: too few features with depth in it".into(),
+        ),
+        (Ok(_), Some(FloorFigures { floor, .. })) => match floor {
+            Floor::Found { .. } => Finding::Ok(format!(
+                "{floor}; if that is a table, exclude it with slam.floor_below_m"
+            )),
+            Floor::Assumed { .. } => Finding::Note(format!(
+                "{floor}: start in view of the floor, or measure slam.initial_height_m"
+            )),
+        },
+    };
+    Check {
+        name: "floor",
+        finding,
+    }
 }
 
 fn check_camera(camera: &Pinhole) -> Check {
@@ -301,9 +336,9 @@ fn hear(
 /// Whether our own messages would have to pass through a flight controller, whose router drops unknown ids.
 fn check_dialect_path(settings: &Settings) -> Check {
     let outcome = match (&settings.autopilot, &settings.ground) {
-        (Some(autopilot), Some(ground)) if autopilot == ground => Err(format!(
-            "links.autopilot and links.ground are both {ground}: Tandem's messages would pass through the flight \
-             controller, which drops them; give the ground station its own link"
+        (Some(autopilot), Some(ground)) if lead_to_one_place(autopilot, ground) => Err(format!(
+            "links.autopilot ({autopilot}) and links.ground ({ground}) are one place: Tandem's messages would reach the \
+             flight controller, which drops them, or come back here; give the ground station its own link"
         )),
         (_, None) => Err("without links.ground Tandem's messages would have to pass through the flight controller, \
              which drops them; give the ground station its own link"
@@ -311,6 +346,16 @@ fn check_dialect_path(settings: &Settings) -> Check {
         (_, Some(ground)) => Ok(format!("goes to {ground} only, past the flight controller")),
     };
     Check::new("dialect", outcome)
+}
+
+/// Whether two links have an address in common, however it is written. What has no address is told by the link's own check.
+fn lead_to_one_place(a: &LinkUri, b: &LinkUri) -> bool {
+    let addresses = |uri: &LinkUri| -> Vec<SocketAddr> {
+        let found = uri.host_and_port().to_socket_addrs();
+        found.map(Iterator::collect).unwrap_or_default()
+    };
+    let b = addresses(b);
+    addresses(a).iter().any(|address| b.contains(address))
 }
 
 /// Where the map lies on the earth decides where the ground vehicle drives.
@@ -464,6 +509,8 @@ mod tests {
         let same = "udpin:127.0.0.1:14561";
         check_path_of_dialect(same, same, Some("its own link"));
         check_path_of_dialect(same, "", Some("its own link"));
+        // Straight back to ourselves, and written in another way.
+        check_path_of_dialect(same, "udpout:localhost:14561", Some("one place"));
     }
 
     #[test]

@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use maps::time::Stamp;
 use maps::voxel::{MapDigest, VoxelMap};
-use slam::State;
+use slam::{Floor, State};
 
 use crate::config::MappingSettings;
 use crate::histogram::Histogram;
@@ -128,6 +128,7 @@ impl Figures {
         let busy_s = self.durations.sum().as_secs_f64();
         let per = |n: u64, of: f64| if of > 0.0 { n as f64 / of } else { 0.0 };
         let ending = self.ended.as_ref().map(|ended| &ended.ending);
+        let floor = self.ended.as_ref().and_then(|ended| ended.floor);
         let ate = self.ended.as_ref().and_then(|ended| ended.ate);
         let MapDigest(digest) = self.map.digest;
         Report {
@@ -147,6 +148,9 @@ impl Figures {
             slam_fps: per(self.frames, busy_s),
             slam_p50_ms: ms(0.5),
             slam_p99_ms: ms(0.99),
+            floor_found: floor.map(|f| matches!(f.floor, Floor::Found { .. })),
+            floor_below_m: floor.map(|f| f.floor.height_m()),
+            beneath_floor_share: floor.map(|f| f.beneath_share),
             map_resolution_m: self.resolution_m,
             map_voxels_occupied: self.map.voxels_occupied,
             map_voxels_known: self.map.voxels_known,

@@ -24,7 +24,7 @@ use crate::clock::Clock;
 use crate::config::{MappingSettings, Pace, SourceSettings};
 use crate::event::Event;
 use crate::output::{self, Ate};
-use uav::{MapFigures, MapUpdate, Mapper};
+use uav::{FloorFigures, MapFigures, MapUpdate, Mapper};
 
 /// How many frames are decoded ahead of the one that is tracked.
 pub(crate) const DECODED_AHEAD: usize = 4;
@@ -84,6 +84,8 @@ pub struct SourceEnded {
     pub ate: Option<Ate>,
     /// The final map.
     pub map: MapFigures,
+    /// The floor on which it stands; none if no frame could be used.
+    pub floor: Option<FloorFigures>,
 }
 
 /// Why a source has ended.
@@ -264,6 +266,7 @@ fn end(
         ending,
         ate: output::ate(source.truth(), &trajectory),
         map: mapper.figures(),
+        floor: mapper.floor(),
     }
 }
 

@@ -96,6 +96,7 @@ fn conclude(
         ending,
         ate: output::ate(source.truth(), &trajectory),
         map: mapper.figures(),
+        floor: mapper.floor(),
     });
     let report = figures.report(clock.now());
     report.write(out)?;

@@ -37,6 +37,12 @@ pub struct Report {
     pub slam_p50_ms: f64,
     /// 99th percentile of it.
     pub slam_p99_ms: f64,
+    /// Whether the first frame showed the floor, from which heights in the map count; otherwise it was assumed.
+    pub floor_found: Option<bool>,
+    /// How high the first camera was taken to be above it.
+    pub floor_below_m: Option<f64>,
+    /// Of the dense points, the share more than 0.25 m beneath that floor: where it is large, a table was taken for it.
+    pub beneath_floor_share: Option<f64>,
     /// Edge of a voxel.
     pub map_resolution_m: f64,
     /// Occupied voxels.

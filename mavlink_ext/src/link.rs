@@ -67,6 +67,15 @@ pub enum LinkUri {
     UdpOut(String),
 }
 
+impl LinkUri {
+    /// `HOST:PORT`, as written.
+    pub fn host_and_port(&self) -> &str {
+        match self {
+            Self::UdpIn(place) | Self::UdpOut(place) => place,
+        }
+    }
+}
+
 impl std::str::FromStr for LinkUri {
     type Err = LinkError;
 

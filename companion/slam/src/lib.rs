@@ -59,6 +59,7 @@ mod tracked;
 mod tracking;
 
 pub use dense::DenseKeyframe;
+pub use level::Floor;
 pub use settings::{Moving, Settings};
 pub use slam::Slam;
 pub use tracked::{FrameError, Overlay, State, Tracked};

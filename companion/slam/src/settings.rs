@@ -1,5 +1,7 @@
 //! What can be chosen about the SLAM.
 
+use std::ops::RangeInclusive;
+
 /// What is done about people and vehicles in view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Moving {
@@ -14,6 +16,8 @@ pub enum Moving {
 pub struct Settings {
     /// Height of the first camera over the floor where the first frame shows no floor.
     pub initial_height_m: f64,
+    /// How far below the first camera its floor can be; a plane nearer or farther (a table) is not taken for one.
+    pub floor_below_m: RangeInclusive<f64>,
     /// Where the first camera looks, counter-clockwise from east.
     pub initial_heading_rad: f64,
     /// Features sought in an image.
@@ -40,6 +44,7 @@ impl Default for Settings {
     fn default() -> Self {
         Self {
             initial_height_m: 1.5,
+            floor_below_m: 0.15..=20.0,
             initial_heading_rad: 0.0,
             features: 1000,
             min_depth_m: 0.3,

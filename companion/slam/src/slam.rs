@@ -13,7 +13,7 @@ use crate::coarse::Coarse;
 use crate::dense::{DenseKeyframe, Pending};
 use crate::dynamics::{self, Mask};
 use crate::features::{DepthRange, Extractor};
-use crate::level;
+use crate::level::{self, Floor, Plane};
 use crate::map::{Keyframe, KeyframeId, Map};
 use crate::mapping;
 use crate::matching::Sighting;
@@ -38,6 +38,7 @@ pub struct Slam {
     rng: Pcg64,
     map: Map,
     state: State,
+    floor: Option<Floor>,
     last: Last,
     mask: Mask,
     /// Keyframes whose poses still move, oldest first.
@@ -75,6 +76,7 @@ impl Slam {
             rng: Pcg64::seed_from_u64(settings.seed),
             map: Map::default(),
             state: State::Searching,
+            floor: None,
             last: Last {
                 at: None,
                 sighting: Sighting::default(),
@@ -159,6 +161,11 @@ impl Slam {
         }
     }
 
+    /// What the floor was taken to be in the frame that started the map; none before.
+    pub fn floor(&self) -> Option<Floor> {
+        self.floor
+    }
+
     /// Map points and keyframes held now.
     pub fn map_size(&self) -> (usize, usize) {
         (self.map.point_count(), self.map.keyframes.len())
@@ -204,12 +211,12 @@ impl Slam {
             self.last.sighting = now;
             return false;
         }
-        let floor = level::find_floor(&self.optics, &now.coarse, &mut self.rng);
-        let pose = level::first_pose(
-            floor.as_ref(),
-            self.settings.initial_height_m,
-            self.settings.initial_heading_rad,
-        );
+        let heights_m = &self.settings.floor_below_m;
+        let found = level::find_floor(&self.optics, &now.coarse, heights_m, &mut self.rng);
+        let height_m = self.settings.initial_height_m;
+        self.floor = Some(found.map_or(Floor::Assumed { height_m }, |plane| plane.as_found()));
+        let floor = found.unwrap_or(Plane::level(height_m));
+        let pose = level::first_pose(&floor, self.settings.initial_heading_rad);
         self.state = State::Tracking;
         self.last.motion = Motion::at_rest(frame.at, pose);
         self.last.covariance = Matrix6::identity() * 1e-12;

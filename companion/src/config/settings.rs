@@ -1,5 +1,6 @@
 //! The configuration, looked at: typed, in SI units, every value in its range.
 
+use std::ops::RangeInclusive;
 use std::path::PathBuf;
 use std::time::Duration;
 
@@ -12,7 +13,7 @@ use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use sensors::mcap::Topics;
 use sensors::tum;
 
-use super::{CameraTable, Config, ConfigError, MountTable, OriginTable, Pace, SourceTable};
+use super::{CameraTable, Config, ConfigError, Fault, MountTable, OriginTable, Pace, SourceTable};
 
 /// What the companion runs with: a [`Config`] in which every value has been looked at.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,6 +60,8 @@ pub struct MappingSettings {
     pub initial_heading_rad: f64,
     /// How high it is above the floor where no floor is in view at the start.
     pub initial_height_m: f64,
+    /// How far below the camera the floor can be at the start.
+    pub floor_below_m: [f64; 2],
     /// Edge of a voxel.
     pub resolution_m: f64,
     /// What is seen from farther away is not mapped.
@@ -68,8 +71,14 @@ pub struct MappingSettings {
 }
 
 impl Config {
-    /// Looks at every value.
+    /// Looks at every value; the error names all that make no sense.
     pub fn check(&self) -> Result<Settings, ConfigError> {
+        let mut faults = Faults::default();
+        let settings = self.look(&mut faults);
+        faults.into_result(settings)
+    }
+
+    fn look(&self, faults: &mut Faults) -> Settings {
         let Self {
             vehicle,
             source,
@@ -78,251 +87,293 @@ impl Config {
             links,
             ..
         } = self;
-        ensure(
+        faults.ensure(
             (1..=254).contains(&vehicle.system_id),
             "vehicle.system_id",
             &vehicle.system_id,
             "1 to 254",
-        )?;
-        ensure(
+        );
+        faults.ensure(
             vehicle.component_id >= 2,
             "vehicle.component_id",
             &vehicle.component_id,
             "2 to 255, as 1 is the autopilot; 191 is the first on-board computer",
-        )?;
-        ensure(
+        );
+        faults.ensure(
             !source.path.as_os_str().is_empty(),
             "source.path",
             &"empty",
             "a TUM folder or an MCAP file; --source gives one for this run",
-        )?;
+        );
         let mapping = MappingSettings {
             initial_heading_rad: (90.0
-                - within(
+                - faults.within(
                     "slam.initial_heading_deg",
                     slam.initial_heading_deg,
                     -360.0..=360.0,
                     "-360 to 360 degrees",
-                )?)
+                ))
             .to_radians(),
-            initial_height_m: within(
+            initial_height_m: faults.within(
                 "slam.initial_height_m",
                 slam.initial_height_m,
                 0.0..=1000.0,
                 "0 to 1000 m",
-            )?,
-            resolution_m: within(
+            ),
+            floor_below_m: faults.ordered(
+                "slam.floor_below_m",
+                slam.floor_below_m,
+                0.0..=1000.0,
+                "two heights from 0 to 1000 m, the lower one first",
+            ),
+            resolution_m: faults.within(
                 "map.resolution_m",
                 map.resolution_m,
                 0.01..=10.0,
                 "0.01 to 10 m",
-            )?,
-            max_range_m: within(
+            ),
+            max_range_m: faults.within(
                 "map.max_range_m",
                 map.max_range_m,
                 0.1..=1000.0,
                 "0.1 to 1000 m",
-            )?,
-            tile_period: Duration::from_secs_f64(within(
+            ),
+            tile_period: seconds(faults.within(
                 "map.tile_period_s",
                 map.tile_period_s,
                 0.0..=3600.0,
                 "0 to 3600 s",
-            )?),
+            )),
         };
-        ensure(
+        faults.ensure(
             links.map_bytes_per_s >= 1000,
             "links.map_bytes_per_s",
             &links.map_bytes_per_s,
             "at least 1000 bytes/s",
-        )?;
-        Ok(Settings {
+        );
+        Settings {
             address: Address {
                 system: SystemId(vehicle.system_id),
                 component: ComponentId(vehicle.component_id),
             },
-            source: source.check(&self.camera)?,
-            body_from_camera: self.mount.check()?,
+            source: source.check(&self.camera, faults),
+            body_from_camera: self.mount.check(faults),
             mapping,
-            autopilot: link("links.autopilot", &links.autopilot)?,
-            ground: link("links.ground", &links.ground)?,
+            autopilot: faults.link("links.autopilot", &links.autopilot),
+            ground: faults.link("links.ground", &links.ground),
             map_bytes_per_s: links.map_bytes_per_s,
-            origin: self.origin.as_ref().map(OriginTable::check).transpose()?,
+            origin: self.origin.as_ref().map(|origin| origin.check(faults)),
             out: self.output.dir.clone(),
-        })
+        }
     }
 }
 
 impl SourceTable {
-    fn check(&self, camera: &CameraTable) -> Result<SourceSettings, ConfigError> {
-        let depth_factor = within(
+    fn check(&self, camera: &CameraTable, faults: &mut Faults) -> SourceSettings {
+        let depth_factor = faults.within(
             "source.depth_factor",
             self.depth_factor,
             1.0..=65_535.0,
             "1 to 65535; 5000 for TUM and Bonn recordings, 1000 for millimetres",
-        )?;
-        let max_difference_ms = within(
+        );
+        let max_difference_ms = faults.within(
             "source.max_difference_ms",
             self.max_difference_ms,
             0.0..=1000.0,
             "0 to 1000 ms",
-        )?;
-        Ok(SourceSettings {
+        );
+        SourceSettings {
             path: self.path.clone(),
             pace: self.pace,
             tum: tum::Settings {
                 depth_factor,
-                max_difference: Duration::from_secs_f64(max_difference_ms * 1e-3),
+                max_difference: seconds(max_difference_ms * 1e-3),
                 missing_images: self.missing_images,
             },
-            camera: camera.check()?,
+            camera: camera.check(faults),
             topics: self.topics.clone(),
-        })
+        }
     }
 }
 
 impl CameraTable {
-    fn check(&self) -> Result<Pinhole, ConfigError> {
+    fn check(&self, faults: &mut Faults) -> Pinhole {
         let sides = "1 to 16384 pixels";
-        ensure(
+        faults.ensure(
             (1..=16_384).contains(&self.width_px),
             "camera.width_px",
             &self.width_px,
             sides,
-        )?;
-        ensure(
+        );
+        faults.ensure(
             (1..=16_384).contains(&self.height_px),
             "camera.height_px",
             &self.height_px,
             sides,
-        )?;
+        );
         let [width, height] = [self.width_px as f64, self.height_px as f64];
         let focal = "a tenth to ten times the image width";
         let center = "a pixel in the image";
-        Ok(Pinhole {
+        Pinhole {
             width: self.width_px,
             height: self.height_px,
-            fx: within(
+            fx: faults.within(
                 "camera.fx_px",
                 self.fx_px,
                 0.1 * width..=10.0 * width,
                 focal,
-            )?,
-            fy: within(
+            ),
+            fy: faults.within(
                 "camera.fy_px",
                 self.fy_px,
                 0.1 * width..=10.0 * width,
                 focal,
-            )?,
-            cx: within("camera.cx_px", self.cx_px, 0.0..=width, center)?,
-            cy: within("camera.cy_px", self.cy_px, 0.0..=height, center)?,
-            distortion: self.distortion_checked()?,
-        })
+            ),
+            cx: faults.within("camera.cx_px", self.cx_px, 0.0..=width, center),
+            cy: faults.within("camera.cy_px", self.cy_px, 0.0..=height, center),
+            distortion: self.distortion_checked(faults),
+        }
     }
 
-    fn distortion_checked(&self) -> Result<[f64; 5], ConfigError> {
+    fn distortion_checked(&self, faults: &mut Faults) -> [f64; 5] {
         for &coefficient in &self.distortion {
-            within(
+            faults.within(
                 "camera.distortion",
                 coefficient,
                 -10.0..=10.0,
                 "coefficients k1, k2, p1, p2, k3 between -10 and 10",
-            )?;
+            );
         }
-        Ok(self.distortion)
+        self.distortion
     }
 }
 
 impl MountTable {
-    pub(super) fn check(&self) -> Result<Isometry<Body, Camera>, ConfigError> {
-        let metres = |key, value| within(key, value, -100.0..=100.0, "-100 to 100 m");
-        let radians = |key, value| {
-            within(key, value, -360.0..=360.0, "-360 to 360 degrees").map(f64::to_radians)
-        };
+    pub(super) fn check(&self, faults: &mut Faults) -> Isometry<Body, Camera> {
+        let mut metres = |key, value| faults.within(key, value, -100.0..=100.0, "-100 to 100 m");
         let position = Translation3::new(
-            metres("mount.forward_m", self.forward_m)?,
-            metres("mount.left_m", self.left_m)?,
-            metres("mount.up_m", self.up_m)?,
+            metres("mount.forward_m", self.forward_m),
+            metres("mount.left_m", self.left_m),
+            metres("mount.up_m", self.up_m),
         );
+        let mut radians = |key, value| {
+            let degrees = faults.within(key, value, -360.0..=360.0, "-360 to 360 degrees");
+            degrees.to_radians()
+        };
         let turned = Rotation3::from_axis_angle(
             &Vector3::z_axis(),
-            radians("mount.turned_left_deg", self.turned_left_deg)?,
+            radians("mount.turned_left_deg", self.turned_left_deg),
         );
         let tilted = Rotation3::from_axis_angle(
             &Vector3::y_axis(),
-            radians("mount.tilted_down_deg", self.tilted_down_deg)?,
+            radians("mount.tilted_down_deg", self.tilted_down_deg),
         );
         let rolled = Rotation3::from_axis_angle(
             &Vector3::x_axis(),
-            radians("mount.rolled_right_deg", self.rolled_right_deg)?,
+            radians("mount.rolled_right_deg", self.rolled_right_deg),
         );
         // A camera that looks ahead: its right is the body's -y, its down the body's -z.
         let ahead = Rotation3::from_basis_unchecked(&[-Vector3::y(), -Vector3::z(), Vector3::x()]);
         let rotation = UnitQuaternion::from_rotation_matrix(&(turned * tilted * rolled * ahead));
-        Ok(Isometry::claim(Isometry3::from_parts(position, rotation)))
+        Isometry::claim(Isometry3::from_parts(position, rotation))
     }
 }
 
 impl OriginTable {
-    fn check(&self) -> Result<Geodetic, ConfigError> {
-        Ok(Geodetic {
-            lat_deg: within(
+    fn check(&self, faults: &mut Faults) -> Geodetic {
+        Geodetic {
+            lat_deg: faults.within(
                 "origin.lat_deg",
                 self.lat_deg,
                 -90.0..=90.0,
                 "-90 to 90 degrees",
-            )?,
-            lon_deg: within(
+            ),
+            lon_deg: faults.within(
                 "origin.lon_deg",
                 self.lon_deg,
                 -180.0..=180.0,
                 "-180 to 180 degrees",
-            )?,
-            alt_m: within(
+            ),
+            alt_m: faults.within(
                 "origin.alt_m",
                 self.alt_m,
                 -1000.0..=100_000.0,
                 "-1000 to 100000 m above the ellipsoid",
-            )?,
-        })
+            ),
+        }
     }
 }
 
-fn ensure(
-    holds: bool,
-    key: &'static str,
-    value: &dyn ToString,
-    expected: &'static str,
-) -> Result<(), ConfigError> {
-    if holds {
-        return Ok(());
+/// What makes no sense so far. Each check gives the value back, so that the next ones are looked at too.
+#[derive(Default)]
+pub(super) struct Faults(Vec<Fault>);
+
+impl Faults {
+    pub(super) fn into_result<T>(self, checked: T) -> Result<T, ConfigError> {
+        if self.0.is_empty() {
+            Ok(checked)
+        } else {
+            Err(ConfigError::Values(self.0))
+        }
     }
-    Err(ConfigError::Value {
-        key,
-        value: value.to_string(),
-        expected,
-    })
+
+    fn ensure(
+        &mut self,
+        holds: bool,
+        key: &'static str,
+        value: &dyn ToString,
+        expected: &'static str,
+    ) {
+        if !holds {
+            self.0.push(Fault {
+                key,
+                value: value.to_string(),
+                expected,
+            });
+        }
+    }
+
+    fn within(
+        &mut self,
+        key: &'static str,
+        value: f64,
+        range: RangeInclusive<f64>,
+        expected: &'static str,
+    ) -> f64 {
+        // A NaN is in no range.
+        self.ensure(range.contains(&value), key, &value, expected);
+        value
+    }
+
+    /// Two ends of a range, both in `range`.
+    fn ordered(
+        &mut self,
+        key: &'static str,
+        [low, high]: [f64; 2],
+        range: RangeInclusive<f64>,
+        expected: &'static str,
+    ) -> [f64; 2] {
+        let fits = range.contains(&low) && range.contains(&high) && low <= high;
+        self.ensure(fits, key, &format!("[{low}, {high}]"), expected);
+        [low, high]
+    }
+
+    fn link(&mut self, key: &'static str, uri: &str) -> Option<LinkUri> {
+        if uri.is_empty() {
+            return None;
+        }
+        let parsed = uri.parse().ok();
+        self.ensure(
+            parsed.is_some(),
+            key,
+            &format!("\"{uri}\""),
+            "udpin:HOST:PORT, udpout:HOST:PORT, or nothing for no link",
+        );
+        parsed
+    }
 }
 
-fn within(
-    key: &'static str,
-    value: f64,
-    range: std::ops::RangeInclusive<f64>,
-    expected: &'static str,
-) -> Result<f64, ConfigError> {
-    // A NaN is in no range.
-    ensure(range.contains(&value), key, &value, expected)?;
-    Ok(value)
-}
-
-fn link(key: &'static str, uri: &str) -> Result<Option<LinkUri>, ConfigError> {
-    if uri.is_empty() {
-        return Ok(None);
-    }
-    let parsed = uri.parse().map_err(|_not_a_link| ConfigError::Value {
-        key,
-        value: format!("\"{uri}\""),
-        expected: "udpin:HOST:PORT, udpout:HOST:PORT, or nothing for no link",
-    })?;
-    Ok(Some(parsed))
+/// What is no time has been found fault with before.
+fn seconds(seconds: f64) -> Duration {
+    Duration::try_from_secs_f64(seconds).unwrap_or_default()
 }

@@ -1,4 +1,4 @@
-use maps::frame::Point;
+use maps::frame::{Body, Camera, Isometry, Point};
 
 use super::*;
 
@@ -70,10 +70,28 @@ fn a_value_that_makes_no_sense_is_refused_with_its_key_and_what_it_should_be() {
         "source.depth_factor = 0.0",
         &["source.depth_factor", "5000"],
     );
+    check_refused("map.tile_period_s = -1.0", &["map.tile_period_s is -1"]);
+    check_refused(
+        "slam.floor_below_m = [2.0, 1.0]",
+        &["slam.floor_below_m is [2, 1]", "the lower one first"],
+    );
     check_refused("mount.tilted_down_deg = nan", &["mount.tilted_down_deg"]);
     check_refused(
         "origin = { lat_deg = 91.0, lon_deg = 0.0, alt_m = 0.0 }",
         &["origin.lat_deg is 91"],
+    );
+}
+
+#[test]
+fn all_values_that_make_no_sense_are_named_at_once() {
+    check_refused(
+        "map.resolution_m = nan\nmap.tile_period_s = nan\nlinks.ground = \"tcp:a\"\ncamera.height_px = 0",
+        &[
+            "map.resolution_m is NaN",
+            "map.tile_period_s is NaN",
+            "links.ground",
+            "camera.height_px is 0",
+        ],
     );
 }
 
@@ -118,10 +136,16 @@ fn an_empty_link_is_none() {
     assert_eq!(config.check().expect("sound").autopilot, None);
 }
 
+fn check_mount(mount: &MountTable) -> Isometry<Body, Camera> {
+    let mut faults = settings::Faults::default();
+    let checked = mount.check(&mut faults);
+    faults.into_result(checked).expect("sound")
+}
+
 /// Where does a camera mounted like this look, in the body's frame?
 #[track_caller]
 fn check_view_ray(mount: &MountTable, expected: [f64; 3]) {
-    let body_from_camera = mount.check().expect("sound");
+    let body_from_camera = check_mount(mount);
     let ahead = body_from_camera * Point::new(0.0, 0.0, 1.0);
     let [x, y, z] = expected;
     assert!(
@@ -154,7 +178,7 @@ fn the_mount_turns_the_camera_as_its_words_say() {
         ..level
     };
     // Rolled to the right, the image's upper edge is on the right.
-    let up = rolled.check().expect("sound") * Point::new(0.0, -1.0, 0.0);
+    let up = check_mount(&rolled) * Point::new(0.0, -1.0, 0.0);
     assert!((up - Point::new(0.0, -1.0, 0.0)).norm() < 1e-12, "{up:?}");
 }
 

@@ -12,7 +12,7 @@ use maps::scan::Scan;
 use maps::tile::Tile;
 use maps::time::Stamp;
 use maps::voxel::{MapDigest, Rgb, Sources, VoxelMap};
-use slam::{DenseKeyframe, FrameError, Slam, Tracked};
+use slam::{DenseKeyframe, Floor, FrameError, Slam, Tracked};
 
 use crate::config::MappingSettings;
 
@@ -38,10 +38,30 @@ pub struct MapFigures {
     pub voxels_known: usize,
 }
 
+/// The floor on which the map stands, and whether the map agrees.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FloorFigures {
+    /// What the floor was taken to be in the first frame.
+    pub floor: Floor,
+    /// Of the dense points so far, those more than [`CLEARLY_BENEATH_M`] below it; 0 to 1. A floor has next to none: where
+    /// this is large, a table was taken for it, or the ground falls away.
+    pub beneath_share: f64,
+}
+
+/// Farther below the floor than this is no noise of the depth camera.
+pub const CLEARLY_BENEATH_M: f64 = 0.25;
+/// A larger share of points beneath the floor says that it is none.
+const SUSPICIOUS_SHARE: f64 = 0.05;
+/// Fewer points say nothing.
+const ENOUGH_POINTS: u64 = 20_000;
+
 /// SLAM and the map it fills.
 pub struct Mapper {
     slam: Slam,
     map: VoxelMap,
+    points: u64,
+    points_beneath: u64,
+    warned: bool,
     max_range_m: f64,
     tile_period: Duration,
     last_update: Option<Stamp>,
@@ -51,14 +71,19 @@ pub struct Mapper {
 impl Mapper {
     /// Starts with an empty map.
     pub fn new(camera: Pinhole, settings: &MappingSettings) -> Self {
+        let [lowest, highest] = settings.floor_below_m;
         let slam = slam::Settings {
             initial_heading_rad: settings.initial_heading_rad,
             initial_height_m: settings.initial_height_m,
+            floor_below_m: lowest..=highest,
             ..slam::Settings::default()
         };
         Self {
             slam: Slam::new(camera, slam),
             map: VoxelMap::new(settings.resolution_m),
+            points: 0,
+            points_beneath: 0,
+            warned: false,
             max_range_m: settings.max_range_m,
             tile_period: settings.tile_period,
             last_update: None,
@@ -68,7 +93,21 @@ impl Mapper {
 
     /// Where the camera was when it took the frame.
     pub fn track(&mut self, frame: &RgbdFrame) -> Result<Tracked, FrameError> {
-        self.slam.track(frame)
+        let had_floor = self.slam.floor().is_some();
+        let tracked = self.slam.track(frame)?;
+        if let (false, Some(floor)) = (had_floor, self.slam.floor()) {
+            tracing::info!("floor {floor}");
+        }
+        Ok(tracked)
+    }
+
+    /// The floor on which the map stands; none before the first frame that could be used.
+    pub fn floor(&self) -> Option<FloorFigures> {
+        let beneath_share = self.points_beneath as f64 / self.points.max(1) as f64;
+        self.slam.floor().map(|floor| FloorFigures {
+            floor,
+            beneath_share,
+        })
     }
 
     /// Puts the keyframes that have settled into the map; how many there were.
@@ -119,6 +158,9 @@ impl Mapper {
         for keyframe in keyframes {
             let place = |(p, _): &(_, _)| keyframe.world_from_camera * *p;
             let hits: Vec<_> = keyframe.points.iter().map(place).collect();
+            let beneath = hits.iter().filter(|p| p.raw.z < -CLEARLY_BENEATH_M).count();
+            self.points += hits.len() as u64;
+            self.points_beneath += beneath as u64;
             let colors: Vec<Rgb> = keyframe.points.iter().map(|&(_, c)| Rgb(c)).collect();
             self.map.insert_scan(&Scan {
                 colors: &colors,
@@ -127,6 +169,26 @@ impl Mapper {
                 source: Sources::UAV,
                 ..Scan::new(keyframe.world_from_camera.translation(), &hits)
             });
+        }
+        self.doubt_floor();
+    }
+
+    /// Says once, in the log, that the floor is none.
+    fn doubt_floor(&mut self) {
+        let Some(FloorFigures {
+            floor,
+            beneath_share,
+        }) = self.floor()
+        else {
+            return;
+        };
+        if !self.warned && self.points >= ENOUGH_POINTS && beneath_share > SUSPICIOUS_SHARE {
+            self.warned = true;
+            tracing::warn!(
+                "{:.0} % of what is seen lies beneath the floor ({floor}): perhaps that is a table; heights in the map \
+                 count from it. Start in view of the floor, or exclude the table with slam.floor_below_m",
+                100.0 * beneath_share
+            );
         }
     }
 
