@@ -43,6 +43,13 @@ pub enum Command {
     Acknowledge(u64),
 }
 
+impl Command {
+    /// Whether it asks nothing of a vehicle or a link, so that it makes sense in a recording.
+    pub fn suits_a_replay(&self) -> bool {
+        matches!(self, Self::Select(_) | Self::Acknowledge(_))
+    }
+}
+
 /// Something one vehicle should do at once.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub enum Order {

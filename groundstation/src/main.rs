@@ -37,7 +37,7 @@ struct Arguments {
     /// Folder for the script's pictures
     #[arg(long, value_name = "DIR", default_value = ".")]
     screenshot: PathBuf,
-    /// Record everything sent and received to this telemetry log
+    /// Record everything sent and received to this telemetry log, which must not exist yet
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
     /// Write the figures of the run here at the end, as JSON

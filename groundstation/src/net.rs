@@ -121,7 +121,7 @@ impl Net {
 #[derive(Debug, thiserror::Error)]
 pub enum RecordError {
     /// The file cannot be made.
-    #[error("cannot record to {}: {source}", path.display())]
+    #[error("cannot record to {}: {source}{}", path.display(), remedy(source))]
     Create {
         /// Which file.
         path: PathBuf,
@@ -138,6 +138,13 @@ pub enum RecordError {
     },
 }
 
+fn remedy(error: &io::Error) -> &'static str {
+    match error.kind() {
+        io::ErrorKind::AlreadyExists => "; it is left as it is: choose another name, or move it",
+        _ => "",
+    }
+}
+
 /// Writes everything sent and received to a telemetry log.
 #[derive(Debug)]
 pub struct Recorder {
@@ -147,7 +154,7 @@ pub struct Recorder {
 }
 
 impl Recorder {
-    /// Starts a new file.
+    /// Starts a new file; one that is there is left alone.
     pub fn create(path: &Path) -> Result<Self, RecordError> {
         let create = |source| RecordError::Create {
             path: path.to_owned(),
@@ -156,7 +163,7 @@ impl Recorder {
         if let Some(folder) = path.parent() {
             std::fs::create_dir_all(folder).map_err(create)?;
         }
-        let mut log = TlogWriter::new(BufWriter::new(File::create(path).map_err(create)?));
+        let mut log = TlogWriter::new(BufWriter::new(File::create_new(path).map_err(create)?));
         let (sender, receiver) = sync_channel::<(u64, RawFrame)>(WAITING_FRAMES);
         let write = move || loop {
             match receiver.recv_timeout(FLUSH_EVERY) {

@@ -223,15 +223,12 @@ impl Station {
     }
 
     fn command(&mut self, command: Command, outbox: &mut Outbox, act: &mut impl FnMut(Action)) {
-        if self.model.source == Source::Replay {
-            let allowed = matches!(command, Command::Select(_) | Command::Acknowledge(_));
-            if !allowed {
-                self.say(
-                    Severity::Warning,
-                    "a recording cannot be commanded".to_owned(),
-                );
-                return;
-            }
+        if self.model.source == Source::Replay && !command.suits_a_replay() {
+            self.say(
+                Severity::Warning,
+                "a recording cannot be commanded".to_owned(),
+            );
+            return;
         }
         match command {
             Command::Connect(uri) => act(Action::Open(uri)),

@@ -1,7 +1,7 @@
 //! Recording what the drone's camera sees, with the truth, as fast as the machine can draw it.
 
 use std::collections::BTreeMap;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Duration;
 
 use maps::time::Stamp;
@@ -89,12 +89,6 @@ fn description(plan: &Plan) -> BTreeMap<String, String> {
     ]
     .map(|(key, value)| (key.to_owned(), value))
     .into()
-}
-
-/// Whether a recording can be started there: the folder exists.
-pub fn folder_exists(file: &Path) -> bool {
-    file.parent()
-        .is_none_or(|folder| folder.as_os_str().is_empty() || folder.is_dir())
 }
 
 #[cfg(test)]

@@ -1,8 +1,8 @@
 //! One run: links, recorder and vehicles around the pure [`Simulation`].
 
-use std::fs::File;
+use std::fs::{self, File};
 use std::io::BufWriter;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{Receiver, SyncSender};
@@ -109,16 +109,9 @@ fn check(settings: &Settings) -> anyhow::Result<()> {
     if !settings.has_links() && settings.record.is_none() {
         bail!("nothing to do: give --copter URI, --rover URI or --record FILE");
     }
-    if let Some(file) = settings
-        .record
-        .iter()
-        .chain(&settings.report)
-        .find(|file| !record::folder_exists(file))
-    {
-        bail!(
-            "cannot write {}: its folder does not exist, create it first",
-            file.display()
-        );
+    for file in settings.record.iter().chain(&settings.report) {
+        let folder = file.parent().unwrap_or(Path::new(""));
+        fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
     }
     Ok(())
 }

@@ -13,7 +13,10 @@ use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use sensors::mcap::Topics;
 use sensors::tum;
 
-use super::{CameraTable, Config, ConfigError, Fault, MountTable, OriginTable, Pace, SourceTable};
+use super::{
+    CameraTable, Config, ConfigError, Fault, MapTable, MountTable, OriginTable, Pace, SlamTable,
+    SourceTable,
+};
 
 /// What the companion runs with: a [`Config`] in which every value has been looked at.
 #[derive(Clone, Debug, PartialEq)]
@@ -105,24 +108,49 @@ impl Config {
             &"empty",
             "a TUM folder or an MCAP file; --source gives one for this run",
         );
-        let mapping = MappingSettings {
+        faults.ensure(
+            links.map_bytes_per_s >= 1000,
+            "links.map_bytes_per_s",
+            &links.map_bytes_per_s,
+            "at least 1000 bytes/s",
+        );
+        Settings {
+            address: Address {
+                system: SystemId(vehicle.system_id),
+                component: ComponentId(vehicle.component_id),
+            },
+            source: source.check(&self.camera, faults),
+            body_from_camera: self.mount.check(faults),
+            mapping: slam.check(map, faults),
+            autopilot: faults.link("links.autopilot", &links.autopilot),
+            ground: faults.link("links.ground", &links.ground),
+            map_bytes_per_s: links.map_bytes_per_s,
+            origin: self.origin.as_ref().map(|origin| origin.check(faults)),
+            out: self.output.dir.clone(),
+        }
+    }
+}
+
+impl SlamTable {
+    fn check(&self, map: &MapTable, faults: &mut Faults) -> MappingSettings {
+        MappingSettings {
             initial_heading_rad: (90.0
                 - faults.within(
                     "slam.initial_heading_deg",
-                    slam.initial_heading_deg,
+                    self.initial_heading_deg,
                     -360.0..=360.0,
                     "-360 to 360 degrees",
                 ))
             .to_radians(),
             initial_height_m: faults.within(
                 "slam.initial_height_m",
-                slam.initial_height_m,
+                self.initial_height_m,
                 0.0..=1000.0,
                 "0 to 1000 m",
             ),
             floor_below_m: faults.ordered(
                 "slam.floor_below_m",
-                slam.floor_below_m,
+                self.floor_below_m,
                 0.0..=1000.0,
                 "two heights from 0 to 1000 m, the lower one first",
             ),
@@ -144,26 +172,6 @@ impl Config {
                 0.0..=3600.0,
                 "0 to 3600 s",
             )),
-        };
-        faults.ensure(
-            links.map_bytes_per_s >= 1000,
-            "links.map_bytes_per_s",
-            &links.map_bytes_per_s,
-            "at least 1000 bytes/s",
-        );
-        Settings {
-            address: Address {
-                system: SystemId(vehicle.system_id),
-                component: ComponentId(vehicle.component_id),
-            },
-            source: source.check(&self.camera, faults),
-            body_from_camera: self.mount.check(faults),
-            mapping,
-            autopilot: faults.link("links.autopilot", &links.autopilot),
-            ground: faults.link("links.ground", &links.ground),
-            map_bytes_per_s: links.map_bytes_per_s,
-            origin: self.origin.as_ref().map(|origin| origin.check(faults)),
-            out: self.output.dir.clone(),
         }
     }
 }

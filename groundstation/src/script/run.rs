@@ -7,11 +7,11 @@ use mavlink_ext::SystemId;
 
 use super::{Condition, Line, Step, Visibility};
 use crate::command::{Command, Order};
-use crate::model::Model;
 use crate::model::map::Agreement;
 use crate::model::missions::{PlanState, Transfer};
 use crate::model::orders::{OrderState, SentOrder};
 use crate::model::vehicle::{Presence, Vehicle};
+use crate::model::{Model, Source};
 use crate::modes::Mode;
 use crate::replay::Steer;
 use crate::view::camera::CameraCommand;
@@ -250,6 +250,9 @@ fn map_progress(model: &Model) -> Progress {
 
 fn command_progress(command: &Command, model: &Model) -> Progress {
     let mission = |id: &SystemId| model.missions.get(id);
+    if model.source == Source::Replay && !command.suits_a_replay() {
+        return Progress::Failed("a recording cannot be commanded".to_owned());
+    }
     match command {
         Command::Acknowledge(_) | Command::DiscardPlan(_) => Progress::Done,
         Command::Select(id) if model.active == Some(*id) => Progress::Done,
