@@ -201,7 +201,7 @@ impl Traversability {
     pub fn index_of(&self, x_m: f64, y_m: f64) -> Option<CellIndex> {
         let (width, height) = self.size();
         let along = |at: f64, origin: f64, count: usize| {
-            let cell = ((at - origin) / self.resolution_m).floor();
+            let cell = (at - origin) / self.resolution_m;
             (cell >= 0.0 && cell < count as f64).then_some(cell as usize)
         };
         Some(CellIndex {
@@ -331,7 +331,7 @@ impl Traversability {
     pub(crate) fn nearest_index(&self, x_m: f64, y_m: f64) -> Option<CellIndex> {
         let (width, height) = self.size();
         let along = |at: f64, origin: f64, count: usize| {
-            let cell = ((at - origin) / self.resolution_m).floor();
+            let cell = (at - origin) / self.resolution_m;
             Some(cell.clamp(0.0, count.checked_sub(1)? as f64) as usize)
         };
         Some(CellIndex {
@@ -347,7 +347,8 @@ impl Traversability {
         };
         let [cx, cy] = self.center_of(index);
         let known = f64::from(distances[index.y * self.width + index.x]);
-        let bound = known - (x_m - cx).hypot(y_m - cy);
+        let (dx, dy) = (x_m - cx, y_m - cy);
+        let bound = known - (dx * dx + dy * dy).sqrt();
         if bound.is_nan() {
             bound
         } else {

@@ -8,19 +8,25 @@
 use std::io::{self, Write as _};
 use std::path::{Path, PathBuf};
 
-use anyhow::Result;
+use anyhow::{Result, bail};
 use clap::{Subcommand, ValueEnum};
+use companion::clock::since_1970;
+use companion::map::conflict::{CONTRADICTION, Conflict};
 use companion::map::files::{self, OpenedMap};
 use companion::map::info::{Info, Tiles};
+use companion::map::stored::{self, Imported};
 use companion::map::{MapError, drawing};
-use maps::picture::{Paint, Request};
+use maps::picture::{Measure, Paint, Request};
+use maps::time::Stamp;
+use maps::voxel::VoxelMap;
 use octomap::{Colors, Content, Pruning, ReadOptions, Shape};
+use store::AsOf;
 
 #[derive(Subcommand)]
 pub(crate) enum MapCommand {
     /// Says what is in a map file: resolution, bounds, counts, digest.
     Info {
-        /// OctoMap file (.ot, .bt).
+        /// OctoMap file (.ot, .bt) or tile store.
         file: PathBuf,
         /// Lists the tiles, a line each.
         #[arg(long)]
@@ -30,7 +36,7 @@ pub(crate) enum MapCommand {
     },
     /// Draws a map from above and from aside into a PNG file.
     Render {
-        /// OctoMap file (.ot, .bt).
+        /// OctoMap file (.ot, .bt) or tile store.
         file: PathBuf,
         /// The picture, a PNG file.
         #[arg(long, value_name = "PNG")]
@@ -38,12 +44,24 @@ pub(crate) enum MapCommand {
         /// What colours tell.
         #[arg(long, value_enum, default_value = "height")]
         by: By,
+        /// The map that is compared, for --by conflict: where one says occupied and the other free.
+        #[arg(long, value_name = "FILE")]
+        against: Option<PathBuf>,
         /// Pixels, 480x480 to 8192x8192.
         #[arg(long, value_name = "WIDTHxHEIGHT", default_value = "1600x1000", value_parser = size)]
         size: [usize; 2],
         /// Leaves out what is higher above the origin, to look into a building.
         #[arg(long, value_parser = finite, allow_negative_numbers = true)]
         ceiling_m: Option<f64>,
+        #[command(flatten)]
+        reading: Reading,
+    },
+    /// Puts a map into a tile store as the newest version of its tiles; the store is made if there is none.
+    Import {
+        /// OctoMap file (.ot, .bt) or tile store.
+        file: PathBuf,
+        /// The tile store.
+        store: PathBuf,
         #[command(flatten)]
         reading: Reading,
     },
@@ -78,6 +96,9 @@ pub(crate) struct Reading {
     /// Refuses a map that would take more memory.
     #[arg(long, default_value_t = 2048)]
     most_mib: u64,
+    /// Reads a tile store as it was so many seconds after 1970.
+    #[arg(long, value_name = "SECONDS", value_parser = moment)]
+    at: Option<Stamp>,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -88,6 +109,8 @@ pub(crate) enum By {
     Class,
     /// As a camera saw it.
     Color,
+    /// How much it contradicts the map given with --against, from 0 to 1.
+    Conflict,
 }
 
 #[derive(Clone, Copy, ValueEnum)]
@@ -117,19 +140,52 @@ impl MapCommand {
                 file,
                 out,
                 by,
+                against,
                 size: [width, height],
                 ceiling_m,
                 reading,
             } => {
                 let opened = reading.open(&file)?;
                 let request = Request {
-                    paint: by.into(),
+                    paint: Paint::Height,
                     title: &name_of(&file),
                     width,
                     height,
                     ceiling_m,
                 };
-                drawing::draw(&opened, &file, &request, &out)?;
+                let paint = match (by, against) {
+                    (By::Conflict, Some(other)) => {
+                        let against = reading.open(&other)?.map;
+                        return draw_conflict(
+                            &opened.map,
+                            (&file, &other),
+                            &against,
+                            &request,
+                            &out,
+                        );
+                    }
+                    (By::Conflict, None) => {
+                        bail!("--by conflict needs a map to compare: give one with --against")
+                    }
+                    (_, Some(_)) => bail!("--against is for --by conflict only"),
+                    (By::Height, None) => Paint::Height,
+                    (By::Class, None) => Paint::Class,
+                    (By::Color, None) => Paint::Color,
+                };
+                drawing::draw(&opened.map, &file, &Request { paint, ..request }, &out)?;
+            }
+            Self::Import {
+                file,
+                store,
+                reading,
+            } => {
+                let opened = reading.open(&file)?;
+                let Imported { changed, same } = stored::import(&opened.map, &store, since_1970())?;
+                writeln!(
+                    io::stdout(),
+                    "{changed} tiles are new or changed in {}, {same} were there like that",
+                    store.display()
+                )?;
             }
             Self::Export {
                 file,
@@ -168,18 +224,38 @@ impl Reading {
             colors,
             most_bytes: self.most_mib.saturating_mul(1 << 20),
         };
-        files::open(file, &options)
+        let as_of = self.at.map_or(AsOf::Newest, AsOf::Time);
+        files::open(file, &options, as_of)
     }
 }
 
-impl From<By> for Paint<'_> {
-    fn from(by: By) -> Self {
-        match by {
-            By::Height => Self::Height,
-            By::Class => Self::Class,
-            By::Color => Self::Color,
-        }
-    }
+fn draw_conflict(
+    map: &VoxelMap,
+    (file, other): (&Path, &Path),
+    against: &VoxelMap,
+    request: &Request<'_>,
+    out: &Path,
+) -> Result<()> {
+    let conflict = Conflict::new(map, (against, other))?;
+    let title = format!("{} against {}", request.title, name_of(other));
+    let measure = Measure {
+        name: "conflict K",
+        low: 0.0,
+        high: 1.0,
+        of: &|key| conflict.at(key),
+    };
+    let request = Request {
+        paint: Paint::Measure(measure),
+        title: &title,
+        ..*request
+    };
+    drawing::draw(&conflict.both(), file, &request, out)?;
+    let (both, contradicting) = conflict.count();
+    writeln!(
+        io::stdout(),
+        "of {both} voxels that both know, {contradicting} contradict each other (K of at least {CONTRADICTION})"
+    )?;
+    Ok(())
 }
 
 impl From<Keep> for Content {
@@ -207,4 +283,9 @@ fn size(text: &str) -> Result<[usize; 2], String> {
 fn finite(text: &str) -> Result<f64, String> {
     let value = text.parse().ok().filter(|m: &f64| m.is_finite());
     value.ok_or_else(|| "expected a number of metres".to_owned())
+}
+
+fn moment(text: &str) -> Result<Stamp, String> {
+    let seconds = text.parse().ok().and_then(Stamp::from_secs_f64);
+    seconds.ok_or_else(|| "expected seconds after 1970".to_owned())
 }

@@ -4,25 +4,20 @@ use std::io;
 use std::path::Path;
 
 use maps::picture::{self, Picture, Request};
+use maps::voxel::VoxelMap;
 
 use super::MapError;
-use super::files::OpenedMap;
 use crate::output::write_atomically;
 
 /// Draws the map that was read from `from` into `to`.
-pub fn draw(
-    opened: &OpenedMap,
-    from: &Path,
-    request: &Request<'_>,
-    to: &Path,
-) -> Result<(), MapError> {
+pub fn draw(map: &VoxelMap, from: &Path, request: &Request<'_>, to: &Path) -> Result<(), MapError> {
     if to.extension().is_none_or(|ending| ending != "png") {
         return Err(MapError::Ending {
             path: to.to_owned(),
             known: ".png",
         });
     }
-    let picture = picture::sheet(&opened.map, request).map_err(|source| MapError::Draw {
+    let picture = picture::sheet(map, request).map_err(|source| MapError::Draw {
         path: from.to_owned(),
         source,
     })?;

@@ -1,13 +1,14 @@
 //! Map files: opened by what is in them, written by what their name ends in.
 
 use std::fs::{self, File};
-use std::io::BufReader;
+use std::io::{BufRead as _, BufReader};
 use std::path::Path;
 
 use maps::voxel::VoxelMap;
 use octomap::{Content, Format, Opened, ReadOptions, Shape};
+use store::AsOf;
 
-use super::MapError;
+use super::{MapError, stored};
 use crate::output::write_atomically;
 
 /// A map and where it comes from.
@@ -23,14 +24,31 @@ pub struct OpenedMap {
     pub resident_bytes: Option<u64>,
 }
 
-/// Reads a map: an `OctoMap` file of either kind.
-pub fn open(path: &Path, options: &ReadOptions) -> Result<OpenedMap, MapError> {
-    let file = File::open(path).map_err(|source| MapError::Open {
+/// Reads a map: an `OctoMap` file of either kind, or a tile store as it was `as_of` then.
+pub fn open(path: &Path, options: &ReadOptions, as_of: AsOf) -> Result<OpenedMap, MapError> {
+    let cannot_open = |source| MapError::Open {
         path: path.to_owned(),
         source,
-    })?;
+    };
+    let mut file = BufReader::new(File::open(path).map_err(cannot_open)?);
     let before = resident_bytes();
-    let opened = octomap::read(BufReader::new(file), options);
+    if file
+        .fill_buf()
+        .map_err(cannot_open)?
+        .starts_with(stored::MAGIC)
+    {
+        let opened = stored::open(path, as_of)?;
+        return Ok(OpenedMap {
+            resident_bytes: grown(before),
+            ..opened
+        });
+    }
+    if as_of != AsOf::Newest {
+        return Err(MapError::NoHistory {
+            path: path.to_owned(),
+        });
+    }
+    let opened = octomap::read(file, options);
     let opened = opened.map_err(|source| MapError::Read {
         path: path.to_owned(),
         source,
@@ -39,10 +57,13 @@ pub fn open(path: &Path, options: &ReadOptions) -> Result<OpenedMap, MapError> {
         kind: describe(&opened),
         map: opened.map,
         unclassified: opened.unclassified,
-        resident_bytes: resident_bytes()
-            .zip(before)
-            .map(|(now, before)| now.saturating_sub(before)),
+        resident_bytes: grown(before),
     })
+}
+
+fn grown(before: Option<u64>) -> Option<u64> {
+    let (now, before) = resident_bytes().zip(before)?;
+    Some(now.saturating_sub(before))
 }
 
 /// The memory of this process that is not swapped out: `VmRSS` of proc(5).

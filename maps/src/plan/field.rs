@@ -2,7 +2,8 @@
 //!
 //! Dijkstra's algorithm over the cells, from the goal outwards, eight neighbours each, as far as it is asked for. The disc is
 //! the largest one around the footprint's middle, with its margins and half a cell's diagonal of benefit of the doubt, so
-//! that where the disc cannot go no vehicle can.
+//! that where the disc cannot go no vehicle can. Where it fits by that benefit only, a metre counts [`DOUBTFUL`] times: the
+//! guide is no lower bound there, and leads through such a gap only if there is no other way.
 //!
 //! It grows towards the start first: cells are taken by their cost and the straight way from there to the start, in a ring of
 //! buckets (E. Denardo, B. Fox, *Shortest-route methods*, Operations Research 27, 1979; D. Silver, *Cooperative pathfinding*,
@@ -28,10 +29,13 @@ pub(crate) struct Field {
     towards: Option<[f32; 2]>,
 }
 
+/// How much dearer a metre is where the disc fits with the benefit of the doubt only: most gaps that narrow are none.
+const DOUBTFUL: f32 = 10.0;
 /// Goals may differ by this many buckets.
 const SPREAD: usize = 24;
 /// More than the cells that the dearest step can be worth.
-const BUCKETS: usize = (WORST_METRE * std::f64::consts::SQRT_2) as usize + 6 + SPREAD;
+const BUCKETS: usize =
+    (DOUBTFUL as f64 * WORST_METRE * std::f64::consts::SQRT_2) as usize + 6 + SPREAD;
 /// Of the straight way to the start; less than all of it, so that rounding cannot turn the order of cells.
 const STRAIGHT: f32 = 0.999;
 
@@ -157,7 +161,12 @@ impl Field {
         if self.per_metre[at] <= 0.0 {
             let cell = CellIndex { x, y };
             self.per_metre[at] = if checker.disc_may_be(cell) {
-                costs.of_metre(cell) as f32
+                let metre = costs.of_metre(cell) as f32;
+                if checker.disc_surely_fits(cell) {
+                    metre
+                } else {
+                    metre * DOUBTFUL
+                }
             } else {
                 f32::INFINITY
             };

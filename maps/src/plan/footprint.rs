@@ -57,9 +57,14 @@ impl Footprint {
     }
 
     fn rectangle(&self, pose: &Pose2) -> Rectangle {
-        let (sin, cos) = pose.heading_rad.sin_cos();
+        self.rectangle_of(pose, pose.heading_rad.sin_cos())
+    }
+
+    /// The same with the sine and cosine of the heading.
+    fn rectangle_of(&self, pose: &Pose2, (sin, cos): (f64, f64)) -> Rectangle {
+        let ahead = self.center_ahead;
         Rectangle {
-            center: self.center(pose),
+            center: [pose.x_m + ahead * cos, pose.y_m + ahead * sin],
             sin,
             cos,
             half_length: self.half_length,
@@ -117,13 +122,20 @@ impl Rectangle {
         for (sx, sy) in [(-1.0, -1.0), (-1.0, 1.0), (1.0, -1.0), (1.0, 1.0)] {
             let (qx, qy) = (wx + sx * half, wy + sy * half);
             let (a, l) = (qx * self.cos + qy * self.sin, qy * self.cos - qx * self.sin);
-            nearest = nearest.min(outside(a, self.half_length).hypot(outside(l, self.half_width)));
+            nearest = nearest.min(squares(
+                outside(a, self.half_length),
+                outside(l, self.half_width),
+            ));
             let (a, l) = (sx * self.half_length, sy * self.half_width);
             let (cx, cy) = (a * self.cos - l * self.sin, a * self.sin + l * self.cos);
-            nearest = nearest.min(outside(cx - wx, half).hypot(outside(cy - wy, half)));
+            nearest = nearest.min(squares(outside(cx - wx, half), outside(cy - wy, half)));
         }
-        nearest
+        nearest.sqrt()
     }
+}
+
+fn squares(a: f64, b: f64) -> f64 {
+    a * a + b * b
 }
 
 fn outside(at: f64, half: f64) -> f64 {
@@ -243,6 +255,7 @@ impl<'a> Checker<'a> {
     /// How far every point of the footprint can move at least before it is too near to anything; `None` if it is already.
     pub(crate) fn room_m(&self, pose: &Pose2) -> Option<f64> {
         let near_start = pose.distance_m(&self.start) <= self.start_radius_m;
+        let turned = pose.heading_rad.sin_cos();
         let mut room = f64::INFINITY;
         let mut rectangle = None;
         for layer in self.layers() {
@@ -251,11 +264,12 @@ impl<'a> Checker<'a> {
             } else {
                 layer.margin_m
             };
-            let spare = match self.by_discs(layer, pose, margin) {
+            let spare = match self.by_discs(layer, (pose, turned), margin) {
                 Guess::Free(spare) => spare,
                 Guess::Taken => return None,
                 Guess::Open => {
-                    let rectangle = rectangle.get_or_insert_with(|| self.footprint.rectangle(pose));
+                    let rectangle =
+                        rectangle.get_or_insert_with(|| self.footprint.rectangle_of(pose, turned));
                     if layer.outside && !self.contains(rectangle, margin) {
                         return None;
                     }
@@ -277,10 +291,14 @@ impl<'a> Checker<'a> {
     }
 
     /// What the distances at the middles of discs tell.
-    fn by_discs(&self, layer: &Layer<'a>, pose: &Pose2, margin_m: f64) -> Guess {
+    fn by_discs(
+        &self,
+        layer: &Layer<'a>,
+        (pose, (sin, cos)): (&Pose2, (f64, f64)),
+        margin_m: f64,
+    ) -> Guess {
         let footprint = &self.footprint;
         let (count, apart, covering_m) = footprint.discs;
-        let (sin, cos) = pose.heading_rad.sin_cos();
         // From the first to the last disc inside, which touch the ends.
         let inside = 2.0 * (footprint.half_length - footprint.inradius());
         let inside_apart = inside / f64::from(count.max(2) - 1);
@@ -399,7 +417,15 @@ impl<'a> Checker<'a> {
     /// Whether the largest disc around the footprint's middle may be in a cell, with half a cell's diagonal of benefit of
     /// the doubt: where it may not, no vehicle may.
     pub(crate) fn disc_may_be(&self, cell: CellIndex) -> bool {
-        let doubt = FRAC_1_SQRT_2 * self.grid.resolution_m();
+        self.disc_fits(cell, FRAC_1_SQRT_2 * self.grid.resolution_m())
+    }
+
+    /// The same without the benefit of the doubt.
+    pub(crate) fn disc_surely_fits(&self, cell: CellIndex) -> bool {
+        self.disc_fits(cell, 0.0)
+    }
+
+    fn disc_fits(&self, cell: CellIndex, doubt: f64) -> bool {
         let radius = self.footprint.inradius() - doubt;
         // The start's surroundings are those of the reference point.
         let near_start = self.start_radius_m + self.footprint.center_ahead + doubt;
