@@ -11,6 +11,7 @@ use maps::time::Stamp;
 use maps::trajectory::Trajectory;
 use maps::trajectory::evaluation::{self, Alignment, Tool};
 use maps::voxel::VoxelMap;
+use octomap::{Content, Shape};
 use sensors::TruthPose;
 
 /// Why something could not be written.
@@ -47,7 +48,8 @@ pub fn write_atomically(
     write().map_err(error)
 }
 
-/// Writes `trajectory.txt` (TUM format, the camera in the world), `map.ot` and `map.bt`.
+/// Writes `trajectory.txt` (TUM format, the camera in the world), `map.ot`, `map.bt` and, with the colours that a camera
+/// saw, `map_color.ot`, which not every `OctoMap` program can read.
 pub fn write_map(
     folder: &Path,
     map: &VoxelMap,
@@ -67,6 +69,9 @@ pub fn write_map(
     })?;
     write_atomically(&folder.join("map.ot"), |file| {
         octomap::write_ot(map, file).map_err(io::Error::other)
+    })?;
+    write_atomically(&folder.join("map_color.ot"), |file| {
+        octomap::write_ot_as(map, Content::Color, Shape::default(), file).map_err(io::Error::other)
     })?;
     write_atomically(&folder.join("map.bt"), |file| {
         octomap::write_bt(map, file).map_err(io::Error::other)

@@ -143,7 +143,7 @@ fn the_ground_station_ends_up_with_the_map_of_the_companion() {
     // The floor and four walls within 5 m, of voxels of 0.05 m.
     let occupied = station.map.occupied_count();
     assert!(occupied > 3000, "{occupied} voxels of a room");
-    for name in ["trajectory.txt", "map.ot", "map.bt"] {
+    for name in ["trajectory.txt", "map.ot", "map_color.ot", "map.bt"] {
         let length = std::fs::metadata(folder.path().join(name))
             .expect(name)
             .len();
@@ -220,7 +220,13 @@ fn a_replay_is_exact_and_close_to_the_truth() {
         ate_m < 0.03,
         "{ate_m} m over a path of a third of a metre, depth to the millimetre"
     );
-    for name in ["report.json", "trajectory.txt", "map.ot", "map.bt"] {
+    for name in [
+        "report.json",
+        "trajectory.txt",
+        "map.ot",
+        "map_color.ot",
+        "map.bt",
+    ] {
         let [a, b] = ["a", "b"].map(|run| std::fs::read(folder.path().join(run).join(name)));
         let (a, b) = (a.expect(name), b.expect(name));
         assert!(!a.is_empty() && (name == "report.json" || a == b), "{name}");

@@ -344,6 +344,11 @@ impl App {
         self.station.step(advance.now, Event::Tick, &mut ignore);
     }
 
+    /// Seconds since the program started: unlike the moment that is shown, it never goes back, which egui relies on.
+    pub fn running_s(&self) -> f64 {
+        self.clock.now().as_secs_f64()
+    }
+
     fn steer(&mut self, steer: Steer) {
         if let Some(replay) = &mut self.replay {
             replay.steer(steer);
@@ -378,6 +383,14 @@ impl App {
         }
     }
 
+    fn is_drivable_pending(&self) -> bool {
+        let map = &self.station.model().map;
+        map.voxels.is_some()
+            && map.changed_at.is_some()
+            && self.workspace.map.layers.shows(Layer::Traversability)
+            && self.workspace.map.drivable.is_none()
+    }
+
     fn run_script(&mut self) {
         let Some(mut runner) = self.runner.take() else {
             return;
@@ -385,6 +398,7 @@ impl App {
         let around = Surroundings {
             replay_ended: self.replay.as_ref().is_some_and(Replay::is_at_end),
             pictures_pending: self.wanted.len(),
+            overlay_pending: self.is_drivable_pending(),
         };
         let mut requests = Vec::new();
         let polled = runner.poll(self.clock.now(), self.station.model(), around, |request| {

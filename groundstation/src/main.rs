@@ -111,7 +111,7 @@ fn execute() -> anyhow::Result<()> {
     }
     anyhow::ensure!(
         !arguments.headless || arguments.script.is_some() || arguments.record.is_some(),
-        "--headless has nothing to do: give it a --script to follow or a file to --record to"
+        "--headless has nothing to do: give it a --script to follow (a --replay needs one, too) or a file to --record to"
     );
     let stop = Arc::new(AtomicBool::new(false));
     let on_signal = Arc::clone(&stop);
@@ -157,8 +157,7 @@ fn run_headless(mut app: App, size: [u32; 2], stop: &AtomicBool) -> anyhow::Resu
             headless = Some(made);
         }
         if let Some(headless) = &mut headless {
-            let time_s = app.model().now.as_secs_f64();
-            let picture = headless.picture(time_s, |ui| app.ui(ui))?;
+            let picture = headless.picture(app.running_s(), |ui| app.ui(ui))?;
             app.deliver_picture(&picture)?;
         }
     }

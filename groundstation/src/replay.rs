@@ -119,6 +119,9 @@ impl Replay {
         })
     }
 
+    /// So many times as fast as it was, at most.
+    pub const FASTEST: f64 = 1000.0;
+
     /// Does what the operator wants.
     pub fn steer(&mut self, steer: Steer) {
         match steer {
@@ -130,7 +133,7 @@ impl Replay {
             Steer::Pause => self.playing = false,
             Steer::Speed(speed) => {
                 if speed > 0.0 && speed.is_finite() {
-                    self.speed = speed.min(1000.0);
+                    self.speed = speed.min(Self::FASTEST);
                 }
             }
             Steer::Seek(to) => self.seek = Some((Stamp::ZERO + to).min(self.length)),

@@ -85,7 +85,7 @@ pub fn run(scenario: &Scenario, options: &Options, started: Instant) -> anyhow::
         groundstation: read_json(&out.join("groundstation.json"))?,
         sitl: read_json(&out.join("sitl.json"))?,
     };
-    for map in ["map.ot", "map.bt"] {
+    for map in ["map.ot", "map_color.ot", "map.bt"] {
         let from = out.join("companion").join(map);
         fs::rename(&from, out.join(map))
             .with_context(|| format!("the companion left no {}", from.display()))?;

@@ -36,7 +36,7 @@ const CONFIRMING: f32 = 0.5;
 const STRONG_SHARE: f64 = 0.25;
 /// The least share of the image that is believed to move: smaller spots are noise.
 const SMALLEST_SHARE: f64 = 0.002;
-/// Below this height over the floor the mask does not grow: feet touch the floor.
+/// Below this height over the floor the mask does not grow into what no witness speaks of: feet touch the floor.
 const FLOOR_M: f64 = 0.06;
 
 /// What the witnesses say about a cell.

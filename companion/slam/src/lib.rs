@@ -11,7 +11,8 @@
 //! The map is a set of keyframes and the points they see. Keyframes leave a sliding window of bundle adjustment; from
 //! then on their pose is final, and they come out as [`DenseKeyframe`]s for the voxel map, without what moved.
 //!
-//! The world has z up and the floor at z = 0, fitted in the first frame; its origin is below the first camera.
+//! The world has z up and the floor at z = 0, fitted in the frame that starts the map, the first with enough features
+//! that have depth; its origin is below the camera of that frame.
 //!
 //! Deterministic: the same frames give the same result, bit for bit. One thread. Memory is bounded by
 //! [`Settings::max_keyframes`] and [`Settings::max_points`], apart from the trajectory (120 bytes a frame).

@@ -124,7 +124,7 @@ pub(crate) fn forget_masked(optics: &Optics, map: &mut Map, id: KeyframeId) {
     }
 }
 
-/// Adjusts the window and describes its newest keyframe's points anew.
+/// Adjusts the poses of the window and the points they see.
 pub(crate) fn adjust_window(optics: &Optics, map: &mut Map, window: &[KeyframeId]) {
     bundle::adjust(optics, map, window);
 }

@@ -50,7 +50,7 @@ pub struct Slam {
     next_try: usize,
 }
 
-/// The last frame that was tracked.
+/// The last frame that was looked at; the motion and covariance are of the last one whose pose was found.
 struct Last {
     at: Option<Stamp>,
     sighting: Sighting,
@@ -139,7 +139,7 @@ impl Slam {
         self.log.iter().map(pose).collect()
     }
 
-    /// What was made of the last frame that was tracked, for pictures.
+    /// What was made of the last frame, for pictures.
     pub fn overlay(&self) -> Overlay {
         let now = &self.last.sighting;
         let matched = now.features.iter().zip(&now.points);

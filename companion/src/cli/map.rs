@@ -179,13 +179,7 @@ impl MapCommand {
                 store,
                 reading,
             } => {
-                let opened = reading.open(&file)?;
-                let Imported { changed, same } = stored::import(&opened.map, &store, since_1970())?;
-                writeln!(
-                    io::stdout(),
-                    "{changed} tiles are new or changed in {}, {same} were there like that",
-                    store.display()
-                )?;
+                import(&reading.open(&file)?.map, &store)?;
             }
             Self::Export {
                 file,
@@ -227,6 +221,16 @@ impl Reading {
         let as_of = self.at.map_or(AsOf::Newest, AsOf::Time);
         files::open(file, &options, as_of)
     }
+}
+
+fn import(map: &VoxelMap, store: &Path) -> Result<()> {
+    let Imported { changed, same } = stored::import(map, store, since_1970())?;
+    writeln!(
+        io::stdout(),
+        "{changed} tiles are new or changed in {}, {same} were there like that",
+        store.display()
+    )?;
+    Ok(())
 }
 
 fn draw_conflict(

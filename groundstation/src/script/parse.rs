@@ -8,7 +8,7 @@ use mavlink_ext::SystemId;
 use super::{Condition, Line, Step, Visibility, default_timeout};
 use crate::command::{Command, Order, SurveyArea};
 use crate::modes::Mode;
-use crate::replay::Steer;
+use crate::replay::{Replay, Steer};
 use crate::view::camera::CameraCommand;
 use crate::view::layers::Layer;
 
@@ -245,7 +245,7 @@ impl<'a> Words<'a> {
         Ok(match self.word("play, pause, speed or seek")? {
             "play" => Steer::Play,
             "pause" => Steer::Pause,
-            "speed" => Steer::Speed(self.positive("a speed, 1 being real time")?),
+            "speed" => Steer::Speed(self.speed()?),
             "seek" => Steer::Seek(self.duration("seconds from the start")?),
             other => {
                 let found = other.to_owned();
@@ -254,6 +254,18 @@ impl<'a> Words<'a> {
                     found,
                 });
             }
+        })
+    }
+
+    fn speed(&mut self) -> Parsed<f64> {
+        const WHAT: &str = "a speed up to 1000, 1 being real time";
+        let speed = self.positive(WHAT)?;
+        if speed <= Replay::FASTEST {
+            return Ok(speed);
+        }
+        Err(Problem::Unexpected {
+            what: WHAT,
+            found: speed.to_string(),
         })
     }
 

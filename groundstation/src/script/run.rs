@@ -53,6 +53,8 @@ pub struct Surroundings {
     pub replay_ended: bool,
     /// Pictures that were asked for and are not written yet.
     pub pictures_pending: usize,
+    /// Whether the overlay of drivable ground is shown, but not made yet.
+    pub overlay_pending: bool,
 }
 
 /// A script under way.
@@ -163,6 +165,9 @@ fn progress(
         Step::WaitFor(condition) => condition_progress(*condition, model),
         Step::Screenshot(_) if around.pictures_pending > 0 => {
             Progress::Waiting("the picture is not written".to_owned())
+        }
+        Step::Layer(Layer::Traversability, Visibility::Shown) if around.overlay_pending => {
+            Progress::Waiting("the overlay of drivable ground is not made".to_owned())
         }
         Step::Screenshot(_) | Step::View(_) | Step::Layer(..) | Step::Replay(_) | Step::Quit => {
             Progress::Done

@@ -233,6 +233,39 @@ impl Station {
         );
     }
 
+    /// The map lies elsewhere on the earth now: plans made before would lead elsewhere than they show.
+    pub(super) fn drop_plans_of_old_origin(&mut self) {
+        const REASON: &str = "the map's origin has changed since: plan anew";
+        self.newest_path.clear();
+        let at = self.model.now;
+        let ids: Vec<SystemId> = self.model.missions.keys().copied().collect();
+        for id in ids {
+            self.transfers.remove(&id);
+            let refused = PlanState::Refused {
+                at,
+                reason: REASON.to_owned(),
+            };
+            let mission = Mission {
+                plan: refused,
+                transfer: Transfer::None,
+            };
+            let Some(before) = self.model.missions.insert(id, mission) else {
+                continue;
+            };
+            let name = self.model.name_of(id);
+            if before.is_transferring() || before.is_verified() {
+                self.say(
+                    Severity::Warning,
+                    format!(
+                        "{name} has a mission that was planned before the map's origin changed: plan and upload anew"
+                    ),
+                );
+            } else if before != Mission::default() {
+                self.say(Severity::Warning, format!("no plan for {name}: {REASON}"));
+            }
+        }
+    }
+
     fn refuse(&mut self, id: SystemId, reason: String) {
         self.say(
             Severity::Warning,

@@ -47,6 +47,9 @@ const ASK_EVERY: Duration = Duration::from_secs(30);
 /// A vehicle explains why it cannot be armed in at most so many lines that are kept.
 const REASONS: usize = 5;
 
+/// Origins nearer to each other are one: coordinates cross the link in steps of a centimetre.
+const SAME_PLACE_M: f64 = 0.03;
+
 impl Station {
     /// Takes in what the autopilot of a vehicle says.
     pub(super) fn hear_autopilot(&mut self, heard: Heard, message: &Message, outbox: &mut Outbox) {
@@ -196,6 +199,13 @@ impl Station {
 
     /// Puts every position onto the map anew.
     pub(super) fn set_origin(&mut self, origin: MapOrigin) {
+        let moved = (self.model.map.origin.as_ref()).is_some_and(|before| {
+            let away = origin.origin.to_world(before.geodetic).raw.coords.norm();
+            away > SAME_PLACE_M
+        });
+        if moved {
+            self.drop_plans_of_old_origin();
+        }
         for vehicle in self.model.vehicles.values_mut() {
             for point in &mut vehicle.track {
                 point.world = point

@@ -694,6 +694,36 @@ fn a_position_is_put_on_the_map_anew_when_the_origin_changes() {
     assert!((position.z - 1.0).abs() < 1e-3);
 }
 
+#[test]
+fn a_plan_made_before_the_origin_moved_is_dropped_and_that_is_said() {
+    let moved = |bench: &mut Bench, east_e7: i32| {
+        let origin = TANDEM_ORIGIN_DATA {
+            lat: ORIGIN_E7[0],
+            lon: ORIGIN_E7[1] + east_e7,
+            alt: 488_000,
+            epoch: 2,
+        };
+        bench.hear(COMPANION, &Message::TANDEM_ORIGIN(origin));
+    };
+    let mut bench = Bench::new(Source::Live);
+    bench.copter();
+    survey(&mut bench);
+    moved(&mut bench, 0);
+    let plan = |bench: &Bench| bench.model().missions[&SystemId(1)].plan.clone();
+    assert!(
+        matches!(plan(&bench), PlanState::Ready(_)),
+        "the same place"
+    );
+    moved(&mut bench, 100);
+    let PlanState::Refused { reason, .. } = plan(&bench) else {
+        panic!("the items lead 0.7 m beside what is drawn");
+    };
+    assert!(reason.contains("origin has changed"), "{reason}");
+    let before = bench.sent.len();
+    bench.command(Command::Upload(SystemId(1)));
+    assert_eq!(bench.sent.len(), before, "nothing is uploaded");
+}
+
 /// Some ground with a colour.
 fn floor() -> VoxelMap {
     let mut map = VoxelMap::new(0.1);

@@ -7,6 +7,7 @@ use crate::command::{Command, SurveyArea};
 use crate::model::missions::{Mission, Plan, PlanKind, PlanState, Transfer};
 use crate::model::vehicle::{Presence, Vehicle};
 use crate::model::{Model, Source};
+use crate::modes::Mode;
 
 /// The plan of the active vehicle.
 pub fn mission_ui(ui: &mut Ui, model: &Model) -> Vec<Command> {
@@ -33,7 +34,7 @@ fn plan_ui(ui: &mut Ui, model: &Model, vehicle: &Vehicle, mission: &Mission) {
     match &mission.plan {
         PlanState::None => {
             let hint = if model.source == Source::Replay {
-                "Plans are not part of a recording."
+                "Plans are not shown in a replay."
             } else if vehicle.kind.drives() {
                 "Choose the goal tool and click a place on the map."
             } else if vehicle.kind.flies() {
@@ -155,10 +156,13 @@ fn progress_ui(ui: &mut Ui, vehicle: &Vehicle, mission: &Mission) {
     } else {
         usize::from(progress.value.current).min(last)
     };
+    let under_way = vehicle.is_armed() && vehicle.heartbeat.value.mode == Mode::Auto;
     let words = if progress.value.complete {
         "Mission complete".to_owned()
+    } else if under_way {
+        format!("Under way: item {at} of {last}")
     } else {
-        format!("Under way: item {at} of {}", plan.items.len())
+        format!("On board, not under way: item {at} of {last} is next")
     };
     ui.label(words);
     widgets::bar(ui, at as f32 / last as f32, theme::vehicle(vehicle.id));

@@ -4,15 +4,19 @@ use egui::{Color32, RichText, Ui};
 
 use super::theme;
 use super::widgets::{self, Sign};
-use crate::model::Model;
 use crate::model::orders::{OrderState, SentOrder};
+use crate::model::{Model, Source};
 
 /// The list.
 pub fn orders_ui(ui: &mut Ui, model: &Model) {
     // Lines of text, not of buttons.
     ui.spacing_mut().interact_size.y = 0.0;
     if model.orders.iter().len() == 0 {
-        ui.label(RichText::new("Nothing has been ordered yet.").color(theme::DIM));
+        let text = match model.source {
+            Source::Live => "Nothing has been ordered yet.",
+            Source::Replay => "Orders are not shown in a replay.",
+        };
+        ui.label(RichText::new(text).color(theme::DIM));
     }
     for order in model.orders.iter() {
         order_ui(ui, model, order);

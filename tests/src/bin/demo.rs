@@ -66,7 +66,7 @@ fn main() -> anyhow::Result<()> {
     let text = serde_json::to_string_pretty(&report).context("cannot show the report")?;
     writeln!(
         io::stdout(),
-        "{text}\n\nin {}: report.json groundstation.png map.ot map.bt mission.tlog",
+        "{text}\n\nin {}: report.json groundstation.png map.ot map_color.ot map.bt mission.tlog",
         options.out.display()
     )?;
     let failures = report.failures();
