@@ -69,7 +69,7 @@ impl Default for Workspace {
         let right = split(
             &mut tiles,
             LinearDir::Vertical,
-            &[(vehicles, 0.6), (mission, 0.25), (orders, 0.15)],
+            &[(vehicles, 0.52), (mission, 0.32), (orders, 0.16)],
         );
         let root = split(
             &mut tiles,

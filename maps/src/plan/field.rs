@@ -25,6 +25,8 @@ pub(crate) struct Field {
     waiting: usize,
     width: usize,
     resolution_m: f32,
+    /// By how much a metre in each cell counts more; empty if all count as they cost.
+    weights: Vec<f32>,
     /// Where it grows to first, in cells.
     towards: Option<[f32; 2]>,
 }
@@ -51,6 +53,7 @@ impl Field {
             waiting: 0,
             width,
             resolution_m: grid.resolution_m() as f32,
+            weights: Vec::new(),
             towards: start
                 .and_then(|[x, y]| grid.nearest_index(x, y))
                 .map(|cell| [cell.x as f32, cell.y as f32]),
@@ -77,6 +80,12 @@ impl Field {
             field.push(goal);
         }
         field
+    }
+
+    /// Lets a metre in each cell count so many times.
+    pub(crate) fn weighted(mut self, weights: Vec<f32>) -> Self {
+        self.weights = weights;
+        self
     }
 
     /// The cost from a cell to the goal; infinite if there is no way.
@@ -162,11 +171,14 @@ impl Field {
             let cell = CellIndex { x, y };
             self.per_metre[at] = if checker.disc_may_be(cell) {
                 let metre = costs.of_metre(cell) as f32;
-                if checker.disc_surely_fits(cell) {
-                    metre
+                let doubt = if checker.disc_surely_fits(cell) {
+                    1.0
                 } else {
-                    metre * DOUBTFUL
-                }
+                    DOUBTFUL
+                };
+                let weight = self.weights.get(at).copied().unwrap_or(1.0);
+                // The ring of buckets has room for no more.
+                (metre * doubt * weight).min(DOUBTFUL * WORST_METRE as f32)
             } else {
                 f32::INFINITY
             };
