@@ -42,6 +42,7 @@ headings degrees clockwise from north, N the system id of a vehicle.
   wait-for armed N | disarmed N        as its heartbeat tells
   wait-for mode N NAME                 as its heartbeat tells
   wait-for mission-complete N          it has reached the last item of its mission
+  wait-for origin                      a companion has told where on earth the map lies
   wait-for map                         the companion has finished and its map digest equals ours
   wait-for replay-end                  the recording has been played to its end
   select N                             make it the active vehicle
@@ -117,6 +118,8 @@ pub enum Condition {
     Mode(SystemId, Mode),
     /// It has reached the last item of its mission.
     MissionComplete(SystemId),
+    /// A companion has told where on earth the map lies.
+    Origin,
     /// The companion has finished its source and the digests of both maps are equal.
     Map,
     /// The recording is at its end.

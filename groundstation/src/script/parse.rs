@@ -156,11 +156,12 @@ impl<'a> Words<'a> {
             "disarmed" => Condition::Disarmed(self.vehicle()?),
             "mission-complete" => Condition::MissionComplete(self.vehicle()?),
             "mode" => Condition::Mode(self.vehicle()?, self.mode()?),
+            "origin" => Condition::Origin,
             "map" => Condition::Map,
             "replay-end" => Condition::ReplayEnd,
             other => {
                 return Err(Problem::Unexpected {
-                    what: "vehicle, position, ready, armed, disarmed, mode, mission-complete, map or replay-end",
+                    what: "vehicle, position, ready, armed, disarmed, mode, mission-complete, origin, map or replay-end",
                     found: other.to_owned(),
                 });
             }

@@ -228,6 +228,10 @@ fn condition_progress(condition: Condition, model: &Model) -> Progress {
                 &format!("has not completed its mission{at}"),
             )
         }
+        Condition::Origin => match &model.map.origin {
+            Some(origin) if origin.from.is_some() => Progress::Done,
+            _ => Progress::Waiting("no companion has told the map's origin".to_owned()),
+        },
         Condition::Map => map_progress(model),
         Condition::ReplayEnd => Progress::Waiting("the recording is not at its end".to_owned()),
     }

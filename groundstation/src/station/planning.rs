@@ -233,6 +233,23 @@ impl Station {
         );
     }
 
+    /// The map's origin is `up_m` lower than it was taken to be: what flies is drawn so much higher. Its items do not change,
+    /// as they count from the vehicle's home.
+    pub(super) fn lift_surveys(&mut self, up_m: f64) {
+        for mission in self.model.missions.values_mut() {
+            if let PlanState::Ready(Plan {
+                kind: PlanKind::Survey { .. },
+                line,
+                ..
+            }) = &mut mission.plan
+            {
+                for place in line {
+                    place.raw.z += up_m;
+                }
+            }
+        }
+    }
+
     /// The map lies elsewhere on the earth now: plans made before would lead elsewhere than they show.
     pub(super) fn drop_plans_of_old_origin(&mut self) {
         const REASON: &str = "the map's origin has changed since: plan anew";

@@ -199,12 +199,13 @@ impl Station {
 
     /// Puts every position onto the map anew.
     pub(super) fn set_origin(&mut self, origin: MapOrigin) {
-        let moved = (self.model.map.origin.as_ref()).is_some_and(|before| {
-            let away = origin.origin.to_world(before.geodetic).raw.coords.norm();
-            away > SAME_PLACE_M
-        });
-        if moved {
-            self.drop_plans_of_old_origin();
+        if let Some(before) = &self.model.map.origin {
+            let there = origin.origin.to_world(before.geodetic).raw;
+            if there.coords.xy().norm() > SAME_PLACE_M {
+                self.drop_plans_of_old_origin();
+            } else {
+                self.lift_surveys(there.z);
+            }
         }
         for vehicle in self.model.vehicles.values_mut() {
             for point in &mut vehicle.track {

@@ -708,7 +708,7 @@ fn a_plan_made_before_the_origin_moved_is_dropped_and_that_is_said() {
     let mut bench = Bench::new(Source::Live);
     bench.copter();
     survey(&mut bench);
-    moved(&mut bench, 0);
+    moved(&mut bench, 0); // the same place, in another epoch
     let plan = |bench: &Bench| bench.model().missions[&SystemId(1)].plan.clone();
     assert!(
         matches!(plan(&bench), PlanState::Ready(_)),
@@ -722,6 +722,27 @@ fn a_plan_made_before_the_origin_moved_is_dropped_and_that_is_said() {
     let before = bench.sent.len();
     bench.command(Command::Upload(SystemId(1)));
     assert_eq!(bench.sent.len(), before, "nothing is uploaded");
+}
+
+#[test]
+fn a_survey_is_drawn_lower_when_the_origin_turns_out_to_be_higher() {
+    let mut bench = Bench::new(Source::Live);
+    bench.copter();
+    survey(&mut bench);
+    let height_m = |bench: &Bench| match &bench.model().missions[&SystemId(1)].plan {
+        PlanState::Ready(plan) => plan.line[0].raw.z,
+        other => panic!("its items count from the home: {other:?}"),
+    };
+    let before = height_m(&bench);
+    let origin = TANDEM_ORIGIN_DATA {
+        lat: ORIGIN_E7[0],
+        lon: ORIGIN_E7[1],
+        alt: 500_000,
+        epoch: 2,
+    };
+    bench.hear(COMPANION, &Message::TANDEM_ORIGIN(origin));
+    let lowered = before - height_m(&bench);
+    assert!((lowered - 12.0).abs() < 1e-6, "{lowered}");
 }
 
 /// Some ground with a colour.
