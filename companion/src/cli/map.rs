@@ -241,7 +241,8 @@ fn draw_conflict(
     out: &Path,
 ) -> Result<()> {
     let conflict = Conflict::new(map, (against, other))?;
-    let title = format!("{} against {}", request.title, name_of(other));
+    // Two maps often have the same name, in different folders.
+    let title = format!("{} against {}", file.display(), other.display());
     let measure = Measure {
         name: "conflict K",
         low: 0.0,

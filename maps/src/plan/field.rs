@@ -18,13 +18,16 @@ pub(crate) struct Field {
     costs: Vec<f32>,
     /// Cost of a metre by cell; 0 where not looked at, infinite where the disc may not be.
     per_metre: Vec<f32>,
-    buckets: Vec<Vec<u32>>,
+    /// Cells with the cost they had when they came in.
+    buckets: Vec<Vec<(u32, f32)>>,
     /// The bucket under way, counted from the first: every smaller cost is final.
     level: usize,
     /// Entries in all buckets.
     waiting: usize,
     width: usize,
     resolution_m: f32,
+    /// 1 / `resolution_m`
+    per_resolution: f32,
     /// By how much a metre in each cell counts more; empty if all count as they cost.
     weights: Vec<f32>,
     /// Where it grows to first, in cells.
@@ -53,6 +56,7 @@ impl Field {
             waiting: 0,
             width,
             resolution_m: grid.resolution_m() as f32,
+            per_resolution: grid.resolution_m().recip() as f32,
             weights: Vec::new(),
             towards: start
                 .and_then(|[x, y]| grid.nearest_index(x, y))
@@ -77,7 +81,7 @@ impl Field {
         }
         field.level = least;
         for goal in goals {
-            field.push(goal);
+            field.push(goal % width, goal / width);
         }
         field
     }
@@ -104,29 +108,31 @@ impl Field {
 
     /// Which bucket a cell belongs to, counted from the first.
     fn bucket_of(&self, cell: usize) -> usize {
-        let left = self.towards.map_or(0.0, |[x, y]| {
-            let (dx, dy) = (
-                (cell % self.width) as f32 - x,
-                (cell / self.width) as f32 - y,
-            );
+        self.bucket_at(cell % self.width, cell / self.width)
+    }
+
+    fn bucket_at(&self, x: usize, y: usize) -> usize {
+        let left = self.towards.map_or(0.0, |[to_x, to_y]| {
+            let (dx, dy) = (x as f32 - to_x, y as f32 - to_y);
             STRAIGHT * (dx * dx + dy * dy).sqrt()
         });
         // Saturates where a cell was not reached.
-        (self.costs[cell] / self.resolution_m + left) as usize
+        (self.costs[y * self.width + x] * self.per_resolution + left) as usize
     }
 
-    fn push(&mut self, cell: usize) {
-        let bucket = self.bucket_of(cell) % BUCKETS;
-        self.buckets[bucket].push(cell as u32);
+    fn push(&mut self, x: usize, y: usize) {
+        let cell = y * self.width + x;
+        let bucket = self.bucket_at(x, y) % BUCKETS;
+        self.buckets[bucket].push((cell as u32, self.costs[cell]));
         self.waiting += 1;
     }
 
     /// Empties the bucket under way.
     fn advance(&mut self, checker: &Checker<'_>, costs: &CostModel<'_>) {
-        while let Some(cell) = self.buckets[self.level % BUCKETS].pop() {
+        while let Some((cell, cost)) = self.buckets[self.level % BUCKETS].pop() {
             self.waiting -= 1;
             // Otherwise a cheaper way was found, and that has its own entry.
-            if self.bucket_of(cell as usize) == self.level {
+            if self.costs[cell as usize].to_bits() == cost.to_bits() {
                 self.spread(checker, costs, cell as usize);
             }
         }
@@ -154,7 +160,7 @@ impl Field {
             let reached = cost + 0.5 * way * self.resolution_m * (here + there);
             if reached < self.costs[to] {
                 self.costs[to] = reached;
-                self.push(to);
+                self.push(u, v);
             }
         }
     }

@@ -38,7 +38,7 @@ const GREED: f64 = 3.0;
 /// (a gap that a disc passes and the vehicle does not).
 const CROWD_M: f64 = 1.0;
 const HEADINGS: usize = 72;
-/// After so many poses without a path, and after twice as many again, the guide is drawn anew.
+/// After so many poses without a path, and each time three times as many, the guide is drawn anew.
 const FIRST_GUIDE: usize = 1000;
 /// So many poses in a cell make a metre in it count twice then.
 const CROWDED: f64 = 3.0;
@@ -275,7 +275,7 @@ impl Search {
                 return Standing::Better;
             }
             if self.expansions >= self.next_guide && self.bound.is_infinite() {
-                self.next_guide *= 2;
+                self.next_guide *= 3;
                 self.draw_guide_anew(problem);
             }
         }
