@@ -109,11 +109,9 @@ impl VoxelMap {
         };
         let mut parts = std::mem::take(&mut self.scratch);
         parts.resize_with(threads.max(1), Gathered::default);
-        let share = scan.hits.len().div_ceil(parts.len()).max(1);
+        let cuts = equal_shares(scan, self.resolution_m(), parts.len());
         let gather = |(i, part): (usize, &mut Gathered)| {
-            let start = (i * share).min(scan.hits.len());
-            let end = (start + share).min(scan.hits.len());
-            part.gather(self, scan, start..end);
+            part.gather(self, scan, cuts[i]..cuts[i + 1]);
         };
         if parts.len() == 1 {
             parts.iter_mut().enumerate().for_each(gather);
@@ -183,6 +181,36 @@ impl VoxelMap {
             !before.is_same(*surface)
         });
     }
+}
+
+/// Where to cut the points into so many parts, each from a cut to the next, whose rays cross about as many voxels: the beams
+/// of a LiDAR come one after the other, and the upper ones reach ten times as far.
+fn equal_shares(scan: &Scan<'_>, resolution_m: f64, count: usize) -> Vec<usize> {
+    let all = scan.hits.len();
+    if count < 2 {
+        return vec![0, all];
+    }
+    let work = |hit: &Point<World>| {
+        let length_m = (*hit - scan.origin).norm().min(scan.max_range_m.max(0.0));
+        // A point that is no place costs a look.
+        1.0 + if length_m.is_finite() {
+            length_m / resolution_m
+        } else {
+            0.0
+        }
+    };
+    let total: f64 = scan.hits.iter().map(work).sum();
+    let mut cuts = vec![0];
+    let mut done = 0.0;
+    for (i, hit) in scan.hits.iter().enumerate() {
+        done += work(hit);
+        while cuts.len() < count && done >= total * cuts.len() as f64 / count as f64 {
+            cuts.push(i + 1);
+        }
+    }
+    cuts.resize(count, all);
+    cuts.push(all);
+    cuts
 }
 
 /// What a scan does to blocks.
