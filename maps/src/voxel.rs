@@ -70,7 +70,8 @@ use grid::{Hashed, TileNode};
 pub use pyramid::Cube;
 pub use value::{ClassId, LogOdds, Occupancy, Rgb, Seen, Sources, Voxel, VoxelKey};
 
-/// A hash of everything that is known: maps are equal if and only if (but for one chance in 2⁶⁴) their digests are.
+/// A hash of the content, which is where something is known, its log-odds, colours and classes: contents are equal if and
+/// only if (but for one chance in 2⁶⁴) their digests are.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct MapDigest(pub u64);
 
