@@ -293,6 +293,7 @@ mod tests {
         let pose = first_pose(&Plane::level(1.5), 0.0);
         assert!((pose * Point3::new(0.0, 0.0, 2.0) - Point3::new(2.0, 0.0, 1.5)).norm() < 1e-12);
     }
+
     #[test]
     fn a_table_that_fills_the_view_is_passed_over_where_the_floor_is_known_to_be_lower() {
         let optics = optics();

@@ -152,7 +152,7 @@ pub(crate) enum Standing {
     Better,
     /// The poses it was allowed are used up.
     Paused,
-    /// Nothing that is left to look at can lead to a cheaper path.
+    /// Nothing is left to look at from which the guide expects a cheaper path; without any path, nothing at all.
     Done,
 }
 
