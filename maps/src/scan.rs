@@ -14,6 +14,7 @@
 mod masks;
 mod noise;
 mod rays;
+mod walk;
 
 use rayon::prelude::*;
 
