@@ -188,7 +188,9 @@ impl Worker {
         let (done, outcomes) = sync_channel(4);
         let work = move || {
             for job in todo {
-                if done.send(run(job)).is_err() {
+                // In rayon's pool the planner searches from both ends at once.
+                let outcome = rayon::scope(|_| run(job));
+                if done.send(outcome).is_err() {
                     return;
                 }
             }

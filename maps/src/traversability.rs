@@ -300,7 +300,7 @@ impl Traversability {
     /// place that is not finite. Exact at the middle of a cell; elsewhere never too large, and too small by 0.7 cells at
     /// most.
     pub fn clearance_m(&self, x_m: f64, y_m: f64) -> f64 {
-        self.at_least(&self.to_blocked, x_m, y_m)
+        self.bounds_at(&self.to_blocked, x_m, y_m)[0]
     }
 
     /// Distance from the middle of each cell to the nearest blocked one, row by row.
@@ -340,20 +340,23 @@ impl Traversability {
         })
     }
 
-    /// A lower bound of a distance that is known at the middle of the cells: it changes by no more than the way there.
-    pub(crate) fn at_least(&self, distances: &[f32], x_m: f64, y_m: f64) -> f64 {
+    /// A lower and an upper bound of a distance that is known at the middle of the cells: it changes by no more than the way
+    /// there.
+    pub(crate) fn bounds_at(&self, distances: &[f32], x_m: f64, y_m: f64) -> [f64; 2] {
         let Some(index) = self.nearest_index(x_m, y_m) else {
-            return f64::INFINITY;
+            return [f64::INFINITY; 2];
         };
         let [cx, cy] = self.center_of(index);
         let known = f64::from(distances[index.y * self.width + index.x]);
         let (dx, dy) = (x_m - cx, y_m - cy);
-        let bound = known - (dx * dx + dy * dy).sqrt();
-        if bound.is_nan() {
-            bound
+        let way = (dx * dx + dy * dy).sqrt();
+        let least = known - way;
+        let least = if least.is_nan() {
+            least
         } else {
-            bound.max(0.0)
-        }
+            least.max(0.0)
+        };
+        [least, known + way]
     }
 }
 

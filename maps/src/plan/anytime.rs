@@ -1,7 +1,8 @@
 //! Planning that can be asked for more: a first path soon, better ones for more effort.
 //!
-//! If the search finds no path soon, a second one starts at the goal and takes turns with it: what is hard to get into is
-//! easy to get out of, and a goal that cannot be left was never to be reached.
+//! If the search finds no path soon, a second one starts at the goal and goes on beside it: what is hard to get into is
+//! easy to get out of, and a goal that cannot be left was never to be reached. Within a rayon pool each has a thread; the
+//! path is the same anywhere.
 //!
 //! The search goes on where it stopped, and only looks at poses from which a cheaper path is possible (E. Hansen, R. Zhou,
 //! *Anytime heuristic search*, JAIR 28, 2007). Each cheaper path it finds is shortened, and the cheapest is kept.
@@ -31,15 +32,20 @@ pub struct Planning<'a> {
     /// Which of the goals each pose of the problem stands for.
     goal_of_pose: Vec<usize>,
     search: Search,
-    /// From the goal to the start, once that is tried.
-    back: Option<(Problem<'a>, Search)>,
-    /// Whether there is one goal only, that can be searched from.
-    may_go_back: bool,
+    /// The way back, if there is one goal only, that can be searched from.
+    back: Option<Back<'a>>,
     /// The last path found, as it was found.
     raw: Option<Vec<Motion>>,
     best: Option<Found>,
     is_finished: bool,
     spacing_m: f64,
+}
+
+/// A problem from the goal to the start.
+struct Back<'a> {
+    problem: Problem<'a>,
+    /// Once it is tried.
+    search: Option<Search>,
 }
 
 /// A path and what it costs.
@@ -49,8 +55,10 @@ pub(super) struct Found {
     path: Path,
 }
 
-/// Poses after which it is the other search's turn.
-const TURN: usize = 1000;
+/// Poses after which the way back is tried, too.
+const ALONE: usize = 500;
+/// Poses after which the two searches look whether the other has found a path.
+const TURN: usize = 500;
 /// Poses for which a path is improved at least, once there is one.
 const LEAST_IMPROVEMENT: usize = 200;
 
@@ -90,12 +98,15 @@ impl<'a> Planning<'a> {
             goals: poses,
         };
         let search = Search::new(&problem)?;
+        let back = problem.reversed().map(|problem| Back {
+            problem,
+            search: None,
+        });
         Ok(Self {
             problem,
             goal_of_pose,
             search,
-            back: None,
-            may_go_back: true,
+            back,
             raw: None,
             best: None,
             is_finished: false,
@@ -145,8 +156,8 @@ impl<'a> Planning<'a> {
 
     /// Poses expanded so far.
     pub fn expansions(&self) -> usize {
-        let back = (self.back.as_ref()).map_or(0, |(_, search)| search.expansions());
-        self.search.expansions() + back
+        let back = self.back.as_ref().and_then(|back| back.search.as_ref());
+        self.search.expansions() + back.map_or(0, Search::expansions)
     }
 
     /// The cheapest path so far, or why there is none.
@@ -188,7 +199,7 @@ impl<'a> Planning<'a> {
         self.keep_if_better();
     }
 
-    /// Expands at most `count` poses, from both ends in turns until there is a path.
+    /// Expands at most `count` poses, from both ends until there is a path.
     fn advance(&mut self, count: usize) -> Standing {
         let until = self.expansions().saturating_add(count);
         loop {
@@ -196,48 +207,62 @@ impl<'a> Planning<'a> {
             if left == 0 {
                 return Standing::Paused;
             }
-            let driven = self.search.expansions();
-            let driven_back = self.expansions() - driven;
-            let ahead = driven - driven_back.min(driven);
-            let standing = if self.raw.is_some() || !self.may_go_back {
-                self.search.advance(&self.problem, left)
-            } else if ahead < TURN {
-                self.search.advance(&self.problem, left.min(TURN - ahead))
+            let alone = ALONE.saturating_sub(self.search.expansions());
+            let standing = if self.raw.is_some() || self.back.is_none() || left == 1 {
+                self.advance_alone(left)
+            } else if alone > 0 {
+                self.advance_alone(left.min(alone))
             } else {
-                let standing = self.advance_back(left.min(TURN));
-                if standing != Standing::Paused {
-                    return standing;
-                }
-                continue;
+                self.advance_both(TURN.min(left / 2))
             };
-            if standing == Standing::Better {
-                self.raw = self.search.path();
-            }
             if standing != Standing::Paused {
                 return standing;
             }
         }
     }
 
-    /// Expands at most `count` poses from the goal backwards.
-    fn advance_back(&mut self, count: usize) -> Standing {
-        if self.back.is_none() {
-            let reversed = self.problem.reversed();
-            self.back = reversed.and_then(|problem| {
-                let search = Search::new(&problem).ok()?;
-                Some((problem, search))
-            });
-        }
-        let Some((problem, search)) = &mut self.back else {
-            self.may_go_back = false;
-            return Standing::Paused;
-        };
-        let standing = search.advance(problem, count);
+    fn advance_alone(&mut self, count: usize) -> Standing {
+        let standing = self.search.advance(&self.problem, count);
         if standing == Standing::Better {
-            self.raw = search.path().map(|motions| backwards(&motions));
-            self.search.bound_by(search.bound());
+            self.raw = self.search.path();
         }
         standing
+    }
+
+    /// Expands at most `count` poses from either end. Neither waits for what the other finds meanwhile, so that it does
+    /// not matter whether they take turns.
+    fn advance_both(&mut self, count: usize) -> Standing {
+        let Some(back) = &mut self.back else {
+            return self.advance_alone(count);
+        };
+        let (search, problem) = (&mut self.search, &self.problem);
+        let mut there = || search.advance(problem, count);
+        let mut and_back = || back.advance(count);
+        let (there, and_back) = match rayon::current_thread_index() {
+            Some(_) => rayon::join(there, and_back),
+            None => (there(), and_back()),
+        };
+        let Some(returning) = &back.search else {
+            // Not even a disc can go back: the guide of the way there disagrees by rounding.
+            self.back = None;
+            if there == Standing::Better {
+                self.raw = search.path();
+            }
+            return there;
+        };
+        if and_back == Standing::Better && returning.bound() < search.bound() {
+            self.raw = returning.path().map(|motions| backwards(&motions));
+            search.bound_by(returning.bound());
+            return Standing::Better;
+        }
+        match (there, and_back) {
+            (Standing::Better, _) => {
+                self.raw = search.path();
+                Standing::Better
+            }
+            (Standing::Paused, Standing::Paused) => Standing::Paused,
+            _ => Standing::Done,
+        }
     }
 
     fn keep_if_better(&mut self) -> bool {
@@ -254,6 +279,17 @@ impl<'a> Planning<'a> {
 
     pub(super) fn into_parts(self) -> (Problem<'a>, Option<Found>) {
         (self.problem, self.best)
+    }
+}
+
+impl Back<'_> {
+    fn advance(&mut self, count: usize) -> Standing {
+        if self.search.is_none() {
+            self.search = Search::new(&self.problem).ok();
+        }
+        (self.search.as_mut()).map_or(Standing::Paused, |search| {
+            search.advance(&self.problem, count)
+        })
     }
 }
 

@@ -16,14 +16,11 @@ use crate::traversability::{CellIndex, Traversability};
 pub(crate) struct Field {
     /// By cell, row by row; infinite where not reached.
     costs: Vec<f32>,
-    /// Cost of a metre by cell; 0 where not looked at, infinite where the disc may not be.
+    /// Cost of a metre by cell, not weighted; 0 where not looked at, infinite where the disc may not be.
     per_metre: Vec<f32>,
-    /// Cells with the cost they had when they came in.
-    buckets: Vec<Vec<(u32, f32)>>,
+    buckets: Buckets,
     /// The bucket under way, counted from the first: every smaller cost is final.
     level: usize,
-    /// Entries in all buckets.
-    waiting: usize,
     width: usize,
     resolution_m: f32,
     /// 1 / `resolution_m`
@@ -34,13 +31,73 @@ pub(crate) struct Field {
     towards: Option<[f32; 2]>,
 }
 
+/// Cells with the cost they had when they came in, in a ring of stacks that share their memory.
+struct Buckets {
+    /// By bucket: the uppermost entry.
+    tops: Vec<u32>,
+    entries: Vec<Entry>,
+    /// The first of the entries that are not in use.
+    unused: u32,
+    /// Entries in all buckets.
+    waiting: usize,
+}
+
+#[derive(Clone, Copy)]
+struct Entry {
+    cell: u32,
+    cost: f32,
+    /// The one below.
+    below: u32,
+}
+
+const NO_ENTRY: u32 = u32::MAX;
+
+impl Buckets {
+    fn new() -> Self {
+        Self {
+            tops: vec![NO_ENTRY; BUCKETS],
+            entries: Vec::new(),
+            unused: NO_ENTRY,
+            waiting: 0,
+        }
+    }
+
+    fn push(&mut self, bucket: usize, cell: u32, cost: f32) {
+        let top = &mut self.tops[bucket % BUCKETS];
+        let below = std::mem::replace(top, self.unused);
+        let entry = Entry { cell, cost, below };
+        if let Some(slot) = self.entries.get_mut(*top as usize) {
+            self.unused = std::mem::replace(slot, entry).below;
+        } else {
+            *top = self.entries.len() as u32;
+            self.entries.push(entry);
+        }
+        self.waiting += 1;
+    }
+
+    fn pop(&mut self, bucket: usize) -> Option<(u32, f32)> {
+        let top = &mut self.tops[bucket % BUCKETS];
+        let slot = self.entries.get_mut(*top as usize)?;
+        let Entry { cell, cost, below } = *slot;
+        slot.below = std::mem::replace(&mut self.unused, *top);
+        *top = below;
+        self.waiting -= 1;
+        Some((cell, cost))
+    }
+}
+
 /// How much dearer a metre is where the disc fits with the benefit of the doubt only: most gaps that narrow are none.
 const DOUBTFUL: f32 = 10.0;
+/// What a metre costs at most.
+const DEAREST: f32 = DOUBTFUL * WORST_METRE as f32;
 /// Goals may differ by this many buckets.
-const SPREAD: usize = 24;
-/// More than the cells that the dearest step can be worth.
+const SPREAD: usize = 24 * FINE;
+/// Buckets for what a step in the open costs.
+const FINE: usize = 4;
+/// More than what the dearest step can be worth.
 const BUCKETS: usize =
-    (DOUBTFUL as f64 * WORST_METRE * std::f64::consts::SQRT_2) as usize + 6 + SPREAD;
+    (FINE * ((DOUBTFUL as f64 * WORST_METRE * std::f64::consts::SQRT_2) as usize + 6) + SPREAD)
+        .next_power_of_two();
 /// Of the straight way to the start; less than all of it, so that rounding cannot turn the order of cells.
 const STRAIGHT: f32 = 0.999;
 
@@ -51,9 +108,8 @@ impl Field {
         let mut field = Self {
             costs: vec![f32::INFINITY; width * height],
             per_metre: vec![0.0; width * height],
-            buckets: vec![Vec::new(); BUCKETS],
+            buckets: Buckets::new(),
             level: 0,
-            waiting: 0,
             width,
             resolution_m: grid.resolution_m() as f32,
             per_resolution: grid.resolution_m().recip() as f32,
@@ -92,6 +148,12 @@ impl Field {
         self
     }
 
+    /// Spares looking again at what another field of the same problem knows of the cells.
+    pub(crate) fn with_ground_of(mut self, other: &Self) -> Self {
+        self.per_metre.copy_from_slice(&other.per_metre);
+        self
+    }
+
     /// The cost from a cell to the goal; infinite if there is no way.
     pub(crate) fn cost_from(
         &mut self,
@@ -100,7 +162,7 @@ impl Field {
         cell: CellIndex,
     ) -> f64 {
         let at = cell.y * self.width + cell.x;
-        while self.waiting > 0 && self.bucket_of(at) >= self.level {
+        while self.buckets.waiting > 0 && self.bucket_of(at) >= self.level {
             self.advance(checker, costs);
         }
         f64::from(self.costs[at])
@@ -117,20 +179,18 @@ impl Field {
             STRAIGHT * (dx * dx + dy * dy).sqrt()
         });
         // Saturates where a cell was not reached.
-        (self.costs[y * self.width + x] * self.per_resolution + left) as usize
+        ((self.costs[y * self.width + x] * self.per_resolution + left) * FINE as f32) as usize
     }
 
     fn push(&mut self, x: usize, y: usize) {
         let cell = y * self.width + x;
-        let bucket = self.bucket_at(x, y) % BUCKETS;
-        self.buckets[bucket].push((cell as u32, self.costs[cell]));
-        self.waiting += 1;
+        self.buckets
+            .push(self.bucket_at(x, y), cell as u32, self.costs[cell]);
     }
 
     /// Empties the bucket under way.
     fn advance(&mut self, checker: &Checker<'_>, costs: &CostModel<'_>) {
-        while let Some((cell, cost)) = self.buckets[self.level % BUCKETS].pop() {
-            self.waiting -= 1;
+        while let Some((cell, cost)) = self.buckets.pop(self.level) {
             // Otherwise a cheaper way was found, and that has its own entry.
             if self.costs[cell as usize].to_bits() == cost.to_bits() {
                 self.spread(checker, costs, cell as usize);
@@ -173,24 +233,30 @@ impl Field {
         y: usize,
     ) -> f32 {
         let at = y * self.width + x;
-        if self.per_metre[at] <= 0.0 {
-            let cell = CellIndex { x, y };
-            self.per_metre[at] = if checker.disc_may_be(cell) {
-                let metre = costs.of_metre(cell) as f32;
-                let doubt = if checker.disc_surely_fits(cell) {
-                    1.0
-                } else {
-                    DOUBTFUL
-                };
-                let weight = self.weights.get(at).copied().unwrap_or(1.0);
-                // The ring of buckets has room for no more.
-                (metre * doubt * weight).min(DOUBTFUL * WORST_METRE as f32)
-            } else {
-                f32::INFINITY
-            };
+        let mut metre = self.per_metre[at];
+        if metre <= 0.0 {
+            metre = ground_at(checker, costs, CellIndex { x, y });
+            self.per_metre[at] = metre;
         }
-        self.per_metre[at]
+        match self.weights.get(at) {
+            // The ring of buckets has room for no more.
+            Some(weight) if metre.is_finite() => (metre * weight).min(DEAREST),
+            _ => metre,
+        }
     }
+}
+
+/// Cost of a metre in a cell, not weighted; infinite where the disc may not be.
+fn ground_at(checker: &Checker<'_>, costs: &CostModel<'_>, cell: CellIndex) -> f32 {
+    if !checker.disc_may_be(cell) {
+        return f32::INFINITY;
+    }
+    let doubt = if checker.disc_surely_fits(cell) {
+        1.0
+    } else {
+        DOUBTFUL
+    };
+    costs.of_metre(cell) as f32 * doubt
 }
 
 const NEIGHBOURS: [(isize, isize, f32); 8] = [
@@ -213,7 +279,7 @@ pub(crate) fn nearest_reachable(
 ) -> f64 {
     let grid = checker.grid();
     let mut field = Field::new(grid, &[start], None);
-    while field.waiting > 0 {
+    while field.buckets.waiting > 0 {
         field.advance(checker, costs);
     }
     (grid.cells().zip(&field.costs))

@@ -5,7 +5,7 @@
 //! advancement: after a pose with room to spare, the next one to judge is as far as no corner can use up that room.
 
 use std::borrow::Cow;
-use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
+use std::f64::consts::FRAC_1_SQRT_2;
 
 use super::motion::{Motion, Pose2};
 use crate::traversability::{CellIndex, Traversability, Vehicle};
@@ -307,15 +307,15 @@ impl<'a> Checker<'a> {
             let offset = f64::from(i) - 0.5 * f64::from(count - 1);
             let ahead = footprint.center_ahead + offset * apart;
             let (x, y) = (pose.x_m + ahead * cos, pose.y_m + ahead * sin);
-            let mut around = self.grid.at_least(&layer.distances, x, y);
+            let [mut around, mut at_most] = self.grid.bounds_at(&layer.distances, x, y);
             if layer.outside {
-                around = around.min(self.to_the_edge(x, y));
+                let edge = self.to_the_edge(x, y);
+                (around, at_most) = (around.min(edge), at_most.min(edge));
             }
             spare = spare.min(around - covering_m - margin_m);
-            // Inside, the disc is nearer to the middle by this; the bound is at most a cell's diagonal too small.
+            // Inside, the disc is nearer to the middle by this.
             let moved = offset.abs() * (apart - inside_apart).abs();
-            let at_most = around + moved + self.grid.resolution_m() * SQRT_2;
-            if at_most < footprint.inradius() + margin_m - TOUCH_M {
+            if at_most + moved < footprint.inradius() + margin_m - TOUCH_M {
                 return Guess::Taken;
             }
         }
@@ -469,6 +469,7 @@ fn nearest(grid: &Traversability, distances: &[f32], rectangle: &Rectangle, enou
         return enough;
     };
     let half = 0.5 * grid.resolution_m();
+    let per_resolution = grid.resolution_m().recip();
     let mut found = enough;
     for row in low.y..=high.y {
         let mut column = low.x;
@@ -484,7 +485,7 @@ fn nearest(grid: &Traversability, distances: &[f32], rectangle: &Rectangle, enou
                 column += 1;
             } else {
                 // No such cell begins within that distance.
-                let free = (distance / grid.resolution_m() + 0.5) as usize;
+                let free = (distance * per_resolution + 0.5) as usize;
                 column = column.saturating_add(free.max(1));
             }
         }

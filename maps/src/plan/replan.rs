@@ -49,6 +49,8 @@ const OFF_RAD: f64 = 0.35;
 const LEAD_RADII: f64 = 3.0;
 /// A way around may cost as many times what it replaces; else another path may be better.
 const LONG_DETOUR: f64 = 2.0;
+/// A way around that is not found within so many poses takes longer than to plan anew.
+const NEARBY: usize = 1000;
 
 impl Planner {
     /// Without a path so far.
@@ -151,7 +153,7 @@ impl Planner {
         let mut search = Search::new(problem).ok()?;
         let replaced = problem.costs.of_chain(&leave, None, &blocked);
         search.bound_by(LONG_DETOUR * replaced);
-        let found = search.advance(problem, self.limits.max_expansions / 4);
+        let found = search.advance(problem, NEARBY.min(self.limits.max_expansions));
         let way = (found == Standing::Better).then(|| search.path()).flatten();
         let way = way.map(|way| shorten(problem, way));
         problem.start = start;

@@ -298,8 +298,9 @@ impl Search {
             1.0 + (crowd.unwrap_or(0.0) / CROWDED) as f32
         };
         let weights = (0..width * grid.size().1).map(weight_of).collect();
-        self.field =
-            Field::new(grid, &middles, Some(footprint.center(&problem.start))).weighted(weights);
+        self.field = Field::new(grid, &middles, Some(footprint.center(&problem.start)))
+            .with_ground_of(&self.field)
+            .weighted(weights);
         for Entry { node, .. } in std::mem::take(&mut self.open) {
             let pose = self.nodes[node as usize].pose;
             let left = self.estimate(problem, &pose);

@@ -139,9 +139,9 @@ impl Walk {
         let leaves = std::array::from_fn(last);
         let axis = nearest(leaves);
         let mut walked = 0;
-        for i in 0..3 {
+        for (i, &all) in to_leave.iter().enumerate() {
             let count = if i == axis {
-                to_leave[i]
+                all
             } else {
                 // Of borders crossed at once, the one along the later axis comes first.
                 self.crossed(i, leaves[axis] + i64::from(i > axis))

@@ -166,11 +166,15 @@ impl Block {
     pub(crate) fn set(&mut self, index: usize, voxel: Voxel) -> bool {
         let log_odds = voxel.log_odds.clamped();
         let before = self.voxel(index);
-        let occupied = self.occupied;
+        let at = rank(&self.occupied, index);
+        match (self.is_occupied(index), log_odds.is_occupied()) {
+            (false, true) => self.surfaces.insert(at, Surface::default()),
+            (true, false) => drop(self.surfaces.remove(at)),
+            _ => {}
+        }
         self.log_odds[index] = log_odds.0;
         put(&mut self.known, index, true);
         put(&mut self.occupied, index, log_odds.is_occupied());
-        self.realign_surfaces(&occupied);
         if let Some(surface) = self.surface_mut(index) {
             surface.set(
                 voxel.color.map_or(PackedColor::NONE, Into::into),

@@ -10,7 +10,8 @@
 //!   whether or not a vehicle can steer them,
 //! - `min_clearance_m`: least distance between footprint and obstacle on any path, at most 3 m,
 //! - `curvature_violations`: waypoints at which a path is tighter than the vehicle turns,
-//! - `p50_ms`, `p99_ms`: processor time of one call on one thread, the median of three; failures count.
+//! - `p50_ms`, `p99_ms`: what the clock on the wall says of one call in a pool of two threads, the median of three; failures
+//!   count. Ours uses the second thread where a path is hard to find, the baseline never.
 //!
 //! On the sites, something new is then put into the middle of each path: `site-change` compares the repair of the path with
 //! planning `anew`.
@@ -24,7 +25,7 @@ mod referee;
 mod sets;
 mod site;
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use anyhow::Context as _;
 use maps::plan::{Gear, Goal, Pose2};
@@ -36,6 +37,8 @@ use sets::{Problem, Robot, Set};
 
 /// Problems of a set, so that its 99th percentile is not its maximum.
 const PROBLEMS: usize = 120;
+/// Threads that a planner may use.
+const THREADS: usize = 2;
 /// Of the problems that the figures are quoted for; the planner was tuned on others.
 const SEED: u64 = 470;
 
@@ -46,12 +49,14 @@ pub(super) fn run(request: &mut Request<'_>) -> anyhow::Result<Outcome> {
     )?;
     let seed = request.seed.unwrap_or(SEED);
     let mut report = Report::new();
+    let pool = (rayon::ThreadPoolBuilder::new().num_threads(THREADS).build())
+        .context("no threads to plan with")?;
     for set in sets::all(data, seed, PROBLEMS)? {
-        let attempts = compare(&set);
+        let attempts = pool.install(|| compare(&set));
         report.add(set.name, &METHODS, &attempts)?;
         (request.say)(&format!("{}: {} problems", set.name, attempts.len()));
         if set.name == sets::SITE {
-            let changed = change::compare(&set);
+            let changed = pool.install(|| change::compare(&set));
             report.add("site-change", &["tandem", "anew"], &changed)?;
         }
     }
@@ -238,21 +243,16 @@ fn baseline(
 }
 
 /// The median of three runs and the result of the last.
+#[expect(
+    clippy::disallowed_methods,
+    reason = "a benchmark reads the clock on the wall"
+)]
 fn timed<T>(mut run: impl FnMut() -> T) -> (Duration, T) {
     let mut once = || {
-        let begun = processor_time();
+        let begun = Instant::now();
         let result = run();
-        (processor_time().saturating_sub(begun), result)
+        (begun.elapsed(), result)
     };
     let [(a, _), (b, _), (c, result)] = [once(), once(), once()];
     (a.max(b).min(a.min(b).max(c)), result)
-}
-
-/// Of this thread: other programs on the machine do not count.
-fn processor_time() -> Duration {
-    let now = rustix::time::clock_gettime(rustix::time::ClockId::ThreadCPUTime);
-    Duration::new(
-        now.tv_sec.unsigned_abs(),
-        u32::try_from(now.tv_nsec).unwrap_or(0),
-    )
 }

@@ -1,5 +1,8 @@
 //! More effort, more goals, and maps that change.
 
+use rand::{RngExt as _, SeedableRng as _};
+use rand_pcg::Pcg64;
+
 use super::*;
 
 fn planning<'a>(grid: &'a Traversability, start: Pose2, goals: &[Goal]) -> Planning<'a> {
@@ -38,6 +41,46 @@ fn more_effort_never_makes_a_path_dearer_and_ends_some_time() {
         "{} m",
         last.length_m
     );
+}
+
+#[test]
+fn two_threads_find_the_paths_that_one_finds() {
+    let two = rayon::ThreadPoolBuilder::new()
+        .num_threads(2)
+        .build()
+        .expect("threads");
+    let mut random = Pcg64::seed_from_u64(5);
+    let mut hard = 0;
+    for _ in 0..100 {
+        let boxes: Vec<[usize; 4]> = (0..45)
+            .map(|_| {
+                let [x, y] = std::array::from_fn(|_| random.random_range(0..200));
+                [x, y, random.random_range(1..30), random.random_range(1..30)]
+            })
+            .collect();
+        let grid = field_with_boxes(200, &boxes);
+        let mut any = || {
+            Pose2::new(
+                random.random_range(-0.5..8.5),
+                random.random_range(-0.5..8.5),
+                random.random_range(-PI..PI),
+            )
+        };
+        let (start, goal) = (any(), Goal::pose(any()));
+        let solve = || {
+            let limits = PlanLimits {
+                max_expansions: 10_000,
+                ..PlanLimits::default()
+            };
+            let mut planning = Planning::new(&grid, &rover(), start, &[goal], &limits)?;
+            planning.find(limits.max_expansions);
+            Ok((planning.expansions(), planning.into_path()))
+        };
+        let alone: Result<_, PlanError> = solve();
+        hard += usize::from(matches!(alone, Ok((1000.., Ok(_)))));
+        assert_eq!(two.install(solve), alone);
+    }
+    assert!(hard >= 2, "only {hard} were searched from both ends");
 }
 
 #[test]
