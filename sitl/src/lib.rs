@@ -4,6 +4,7 @@
 //!   on a drone, with exact truth.
 //! - [`vehicle`]: how a quadrotor and a small car move, and what their sensors say.
 //! - [`autopilot`]: flies and drives them, and talks MAVLink like `ArduPilot`.
+//! - [`link`]: what a radio does to what is sent over it.
 //! - [`simulation`], [`run`], [`report`]: all of it together.
 //!
 //! Of the maps it uses only frames, time and the camera: truth shares no code with estimates.
@@ -11,6 +12,7 @@
 pub mod autopilot;
 pub mod depth_camera;
 pub mod flight;
+pub mod link;
 pub mod noise;
 pub mod record;
 pub mod render;
