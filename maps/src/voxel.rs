@@ -327,7 +327,7 @@ impl VoxelMap {
 
 /// The voxel that holds `p` where an edge is `1 / per_m`; casts saturate.
 pub(crate) fn key_at(p: Point<World>, per_m: f64) -> VoxelKey {
-    let [x, y, z] = [p.raw.x, p.raw.y, p.raw.z].map(|c| (c * per_m).floor() as i32);
+    let [x, y, z] = [p.raw.x, p.raw.y, p.raw.z].map(|c| floor(c * per_m));
     VoxelKey { x, y, z }
 }
 
@@ -337,6 +337,12 @@ fn least(a: VoxelKey, b: VoxelKey) -> VoxelKey {
 
 fn greatest(a: VoxelKey, b: VoxelKey) -> VoxelKey {
     VoxelKey::new(a.x.max(b.x), a.y.max(b.y), a.z.max(b.z))
+}
+
+/// The greatest integer not above; saturates, NaN becomes 0. `f64::floor` is a call where SSE 4.1 may be missing.
+pub(crate) fn floor(c: f64) -> i32 {
+    let towards_zero = c as i32;
+    towards_zero.saturating_sub(i32::from(c < f64::from(towards_zero)))
 }
 
 #[cfg(test)]

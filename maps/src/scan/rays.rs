@@ -10,7 +10,7 @@ use crate::tile::TileId;
 use crate::voxel::block::Mask;
 use crate::voxel::grid::voxel_index;
 use crate::voxel::surface::PackedColor;
-use crate::voxel::{ClassId, Occupancy, VoxelKey, VoxelMap, key_at};
+use crate::voxel::{ClassId, Occupancy, VoxelKey, VoxelMap, floor, key_at};
 
 /// What the points of a scan, or a part of them, have touched.
 #[derive(Clone, Debug, Default)]
@@ -203,12 +203,6 @@ fn distance(a: [i32; 3], b: [i32; 3]) -> u32 {
     (0..3).map(|i| a[i].abs_diff(b[i])).sum()
 }
 
-/// The greatest integer not above; saturates, NaN becomes 0. `f64::floor` is a call where SSE 4.1 may be missing.
-fn floor(c: f64) -> i32 {
-    let towards_zero = c as i32;
-    towards_zero.saturating_sub(i32::from(c < f64::from(towards_zero)))
-}
-
 /// Sets a bit; whether it was not set before.
 fn put(mask: &mut Mask, index: usize) -> bool {
     let bit = 1 << (index % 64);
@@ -216,18 +210,4 @@ fn put(mask: &mut Mask, index: usize) -> bool {
     let new = *word & bit == 0;
     *word |= bit;
     new
-}
-
-#[cfg(test)]
-mod tests {
-    use proptest::prelude::*;
-
-    use super::*;
-
-    proptest! {
-        #[test]
-        fn floor_is_floor(c in prop_oneof![-1e10..1e10, -3.0..3.0, any::<f64>()]) {
-            prop_assert_eq!(floor(c), c.floor() as i32);
-        }
-    }
 }

@@ -7,7 +7,7 @@
 //! - J. Amanatides, A. Woo, *A fast voxel traversal algorithm for ray tracing*, Eurographics 1987.
 
 use super::grid::{TileNode, block_index, voxel_index};
-use super::{VoxelKey, VoxelMap};
+use super::{VoxelKey, VoxelMap, floor};
 use crate::frame::{Point, Vector, World};
 use crate::tile::TileId;
 
@@ -81,7 +81,9 @@ impl VoxelMap {
             let (distance, axis) = ray.leaves(at, empty);
             let from: [i32; 3] = std::array::from_fn(|i| at[i] >> empty << empty);
             let to = from.map(|c| c + (1 << empty) - 1);
-            at = ray.at(distance, from, to);
+            if empty > VOXEL {
+                at = ray.at(distance, from, to);
+            }
             at[axis] = if ray.direction[axis] > 0.0 {
                 to[axis] + 1
             } else {
@@ -159,7 +161,7 @@ impl Ray {
     /// The voxel it is in after a distance, kept within a box: rounding may not lead out of the cube the ray is in.
     fn at(&self, distance: f64, low: [i32; 3], high: [i32; 3]) -> [i32; 3] {
         std::array::from_fn(|i| {
-            let c = (self.origin[i] + self.direction[i] * distance).floor() as i32;
+            let c = floor(self.origin[i] + self.direction[i] * distance);
             c.clamp(low[i], high[i])
         })
     }

@@ -45,6 +45,11 @@ proptest! {
     #![proptest_config(ProptestConfig::with_cases(64))]
 
     #[test]
+    fn floor_is_floor(c in prop_oneof![-1e10..1e10, -3.0..3.0, any::<f64>()]) {
+        prop_assert_eq!(floor(c), c.floor() as i32);
+    }
+
+    #[test]
     fn a_map_holds_what_was_put_into_it_and_nothing_else(voxels in any_voxels()) {
         let map = map_of(&voxels);
         let expected: BTreeMap<_, _> = voxels.iter().copied().collect();
