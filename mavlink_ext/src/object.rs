@@ -5,8 +5,8 @@
 //! reports how many it lacks (`TANDEM_REPORT`); what is sent in addition follows the loss that the reports show:
 //!
 //! ```text
-//! n = K / (1 − p) + √(K·p) / (1 − p)        first round, p = share of symbols lost lately
-//! n = missing, in the same way              later rounds, when all symbols under way must have arrived
+//! n = (K + m·√(K·p)) / (1 − p)      first round; p = share of symbols lost lately, m = 3 with a deadline, else 0
+//! n = missing, in the same way      later rounds, when all symbols under way must have arrived; m = 1 at least
 //! ```
 //!
 //! - A receiver that starts late or restarts is noticed by the session in its reports; reliable objects go again.

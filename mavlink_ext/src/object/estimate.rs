@@ -103,11 +103,11 @@ impl LinkEstimate {
         (self.sent >= MIN_SYMBOLS).then(|| (1.0 - self.received / self.sent).clamp(0.0, MAX_LOSS))
     }
 
-    /// How many symbols to send so that `needed` arrive, most likely.
-    pub(super) fn to_deliver(&self, needed: u32) -> u32 {
+    /// How many symbols to send so that `needed` arrive: on average, and so many standard deviations more.
+    pub(super) fn to_deliver(&self, needed: u32, deviations: f64) -> u32 {
         let loss = self.loss().unwrap_or(0.0);
         let n = f64::from(needed);
-        let spread = (n * loss).sqrt();
+        let spread = deviations * (n * loss).sqrt();
         ((n + spread) / (1.0 - loss)).ceil() as u32
     }
 }
@@ -121,7 +121,7 @@ mod tests {
         let mut link = LinkEstimate::new();
         let at = |millis| Stamp::from_nanos(millis * 1_000_000);
         assert_eq!(link.loss(), None);
-        assert_eq!(link.to_deliver(100), 100);
+        assert_eq!(link.to_deliver(100, 1.0), 100);
         let mut received = 0;
         for step in 0..=100 {
             link.sent_by(at(step * 100), step * 50);
@@ -130,7 +130,7 @@ mod tests {
         }
         let loss = link.loss().expect("5000 symbols were sent");
         assert!((loss - 0.2).abs() < 0.01, "{loss}");
-        assert_eq!(link.to_deliver(100), 131);
+        assert_eq!(link.to_deliver(100, 1.0), 131);
         for step in 101..=200 {
             received += 10;
             link.sent_by(at(step * 100), step * 50);

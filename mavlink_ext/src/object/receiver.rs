@@ -37,7 +37,7 @@ impl Default for ReceiverLimits {
     fn default() -> Self {
         Self {
             object_bytes: MAX_OBJECT_BYTES,
-            transfers: 16,
+            transfers: 1024,
             bytes: 16 << 20,
             age: Duration::from_secs(30),
             senders: 8,

@@ -20,8 +20,14 @@ use transfer::{Transfer, Verdict};
 const PEER_LOST_AFTER: Duration = Duration::from_millis(3500);
 /// Time between announcements to nobody.
 const PROBE_INTERVAL: Duration = Duration::from_secs(1);
-/// Reliable transfers under way at once: enough to fill the link while reports are awaited.
-const MAX_RELIABLE: usize = 4;
+/// Reliable objects under way at once at most: as many as a receiver keeps track of without being asked to.
+const MAX_RELIABLE: usize = 512;
+/// Bytes of reliable objects under way at once, in any case.
+const LEAST_WINDOW: usize = 32 << 10;
+/// Further ones may fill the link for so many times as long as reports take to come.
+const WINDOWS: f64 = 2.0;
+/// Objects with a deadline under way at once.
+const MAX_LATEST: usize = 16;
 /// The budget that may be saved up, as a span of time.
 const BURST: Duration = Duration::from_millis(100);
 
@@ -148,7 +154,8 @@ pub struct Sender {
     settings: SenderSettings,
     session: u16,
     transfers_begun: u16,
-    waiting: VecDeque<Waiting>,
+    /// By priority.
+    waiting: [VecDeque<Waiting>; 3],
     active: Vec<Transfer>,
     /// The newest version offered of each reliable key.
     newest: BTreeMap<Key, u64>,
@@ -173,7 +180,7 @@ impl Sender {
             settings,
             session,
             transfers_begun: 0,
-            waiting: VecDeque::new(),
+            waiting: Default::default(),
             active: Vec::new(),
             newest: BTreeMap::new(),
             kept: BTreeMap::new(),
@@ -211,8 +218,9 @@ impl Sender {
             }
         };
         // The older version's place in the queue goes to the newer one: what changes often is not always last.
-        let place = self.waiting.iter().position(|w| replaced(&w.object));
-        let freed = place.map_or(0, |place| self.waiting[place].object.bytes.len());
+        let queue = usize::from(transfer::priority(object.service));
+        let place = (self.waiting[queue].iter()).position(|w| replaced(&w.object));
+        let freed = place.map_or(0, |place| self.waiting[queue][place].object.bytes.len());
         let queued = self.waiting_bytes() - freed;
         if queued + bytes > self.settings.max_queued_bytes {
             return Err(OfferError::Full { id, bytes, queued });
@@ -231,9 +239,9 @@ impl Sender {
         match place {
             Some(place) => {
                 self.counts.objects_replaced += 1;
-                self.waiting[place] = waiting;
+                self.waiting[queue][place] = waiting;
             }
-            None => self.waiting.push_back(waiting),
+            None => self.waiting[queue].push_back(waiting),
         }
         Ok(())
     }
@@ -325,7 +333,8 @@ impl Sender {
                 Some(object) => {
                     resending += 1;
                     let offered = now;
-                    self.waiting.push_back(Waiting { object, offered });
+                    let queue = usize::from(transfer::priority(object.service));
+                    self.waiting[queue].push_back(Waiting { object, offered });
                 }
                 None => {
                     self.newest.remove(&key);
@@ -347,8 +356,8 @@ impl Sender {
             step.send.extend(self.probe(now));
             return step;
         }
+        self.activate();
         while self.budget > 0.0 {
-            self.activate();
             let Some(place) = self.next_to_send(now) else {
                 break;
             };
@@ -359,6 +368,7 @@ impl Sender {
             self.counts.symbols_sent += symbols;
             if transfer.is_sent_for_good() {
                 self.active.remove(place);
+                self.activate();
             }
             step.send.push(message);
         }
@@ -387,8 +397,9 @@ impl Sender {
             }
             over
         };
-        self.waiting
-            .retain(|waiting| !is_over(&waiting.object, waiting.offered));
+        for queue in &mut self.waiting {
+            queue.retain(|waiting| !is_over(&waiting.object, waiting.offered));
+        }
         self.active
             .retain(|transfer| !is_over(transfer.object(), transfer.offered()));
         step
@@ -414,39 +425,40 @@ impl Sender {
         Some(message)
     }
 
-    /// Takes objects from the queue while there is a place for their class.
+    /// Takes objects from the queues while there is a place for their class.
     fn activate(&mut self) {
-        loop {
-            let of = |priority: u8| {
-                let same = |transfer: &&Transfer| transfer.priority() == priority;
-                self.active.iter().filter(same).count()
-            };
-            let (latest, reliable) = (of(0), of(1));
-            let fits = |waiting: &Waiting| match waiting.object.service {
-                Service::Latest { .. } => latest < 2,
-                Service::Reliable => {
-                    let id = waiting.object.id;
-                    let under_way = |transfer: &Transfer| {
-                        let other = transfer.object().id;
-                        (other.stream, other.key) == (id.stream, id.key)
-                    };
-                    reliable < MAX_RELIABLE && !self.active.iter().any(under_way)
-                }
-                Service::BestEffort => self.active.is_empty(),
-            };
-            let candidates = self.waiting.iter().enumerate();
-            let next = candidates
-                .filter(|(_, waiting)| fits(waiting))
-                .min_by_key(|(_, waiting)| transfer::priority(waiting.object.service));
-            let Some((place, _)) = next else {
-                return;
-            };
-            let Some(Waiting { object, offered }) = self.waiting.remove(place) else {
-                return;
-            };
+        while let Some(Waiting { object, offered }) = self.next_to_begin() {
             let number = self.next_number();
             let begun = Transfer::new(self.ends.peer, number, (object, offered), &self.link);
             self.active.push(begun);
+        }
+    }
+
+    fn next_to_begin(&mut self) -> Option<Waiting> {
+        let of = |priority: u8| (self.active.iter()).filter(move |t| t.priority() == priority);
+        let (latest, reliable) = (of(0).count(), of(1).count());
+        let under_way: usize = of(1).map(|t| t.object().bytes.len()).sum();
+        let [first, second, third] = &mut self.waiting;
+        if latest < MAX_LATEST && !first.is_empty() {
+            return first.pop_front();
+        }
+        let rate = f64::from(self.settings.bytes_per_second);
+        let window = (rate * self.link.patience().as_secs_f64() * WINDOWS) as usize;
+        if reliable < MAX_RELIABLE && under_way < window.max(LEAST_WINDOW) {
+            let active = &self.active;
+            let is_free = |waiting: &Waiting| {
+                let id = waiting.object.id;
+                let is_same = |other: ObjectId| (other.stream, other.key) == (id.stream, id.key);
+                !active.iter().any(|transfer| is_same(transfer.object().id))
+            };
+            if let Some(place) = second.iter().position(is_free) {
+                return second.remove(place);
+            }
+        }
+        if self.active.is_empty() {
+            third.pop_front()
+        } else {
+            None
         }
     }
 
@@ -464,12 +476,16 @@ impl Sender {
     }
 
     fn waiting_bytes(&self) -> usize {
-        self.waiting.iter().map(|w| w.object.bytes.len()).sum()
+        self.waiting
+            .iter()
+            .flatten()
+            .map(|w| w.object.bytes.len())
+            .sum()
     }
 
     /// Whether everything offered is delivered, refused or expired.
     pub fn is_idle(&self) -> bool {
-        self.waiting.is_empty() && self.active.is_empty()
+        self.waiting.iter().all(VecDeque::is_empty) && self.active.is_empty()
     }
 
     /// How it goes.
@@ -481,7 +497,8 @@ impl Sender {
         let active_bytes: usize = self.active.iter().map(|t| t.object().bytes.len()).sum();
         SenderStats {
             keys_delivered: self.kept.iter().filter(|kept| is_newest(*kept)).count(),
-            objects_pending: self.waiting.len() + self.active.len(),
+            objects_pending: self.waiting.iter().map(VecDeque::len).sum::<usize>()
+                + self.active.len(),
             bytes_pending: self.waiting_bytes() + active_bytes,
             loss: self.link.loss(),
             receiver_alive: self.receiver_is_alive(now),

@@ -16,10 +16,12 @@ use crate::wire::Address;
 const BUSY_INTERVAL: Duration = Duration::from_millis(100);
 /// Time between reports when there is news that the sender waits for.
 const URGENT_INTERVAL: Duration = Duration::from_millis(10);
+/// An object for which nothing came for so long may have been sent as far as it goes: the sender wants to know what it lacks.
+const STALLED: Duration = Duration::from_millis(30);
 /// After so long without a symbol, reports come slowly again.
 const BUSY_FOR: Duration = Duration::from_secs(3);
 /// Ended transfers remembered, so that a repeated announcement is answered.
-const MAX_SETTLED: usize = 64;
+const MAX_SETTLED: usize = 2048;
 /// A transfer's end is reported so often, since reports get lost too.
 const END_REPORTS: u32 = 3;
 /// Symbols kept that overtook their announcement.
@@ -32,12 +34,22 @@ struct Incoming {
     announcement: TANDEM_OBJECT_DATA,
     collector: Collector,
     last_activity: Stamp,
+    /// When it was last reported since it was announced last.
+    reported: Option<Stamp>,
     deadline: Option<Stamp>,
+}
+
+impl Incoming {
+    /// Whether the sender does not know that we know of it, or may wait to hear what is missing.
+    fn is_news(&self, now: Stamp) -> bool {
+        self.reported.is_none_or(|reported| {
+            now.since(self.last_activity) >= STALLED && now.since(reported) >= BUSY_INTERVAL
+        })
+    }
 }
 
 /// How a transfer ended.
 struct Settled {
-    transfer: u32,
     state: TransferState,
     received: u32,
     reports_left: u32,
@@ -49,7 +61,8 @@ pub(super) struct Peer {
     /// The sender's session: the upper half of its transfer numbers.
     session: u16,
     incoming: BTreeMap<u32, Incoming>,
-    settled: VecDeque<Settled>,
+    /// By transfer: the oldest first, until the numbers begin anew.
+    settled: BTreeMap<u32, Settled>,
     unknown: BTreeSet<u32>,
     /// Symbols of unknown transfers, the newest last.
     orphans: VecDeque<TANDEM_SYMBOL_DATA>,
@@ -67,7 +80,7 @@ impl Peer {
             last_heard: now,
             session: 0,
             incoming: BTreeMap::new(),
-            settled: VecDeque::new(),
+            settled: BTreeMap::new(),
             unknown: BTreeSet::new(),
             orphans: VecDeque::new(),
             have: BTreeMap::new(),
@@ -100,11 +113,12 @@ impl Peer {
         if let Some(known) = self.incoming.get_mut(&transfer) {
             if is_same(&known.announcement, object) {
                 known.last_activity = now;
+                known.reported = None;
                 return None;
             }
             self.incoming.remove(&transfer);
         }
-        if let Some(settled) = self.settled.iter_mut().find(|s| s.transfer == transfer) {
+        if let Some(settled) = self.settled.get_mut(&transfer) {
             settled.reports_left = settled.reports_left.max(1);
             return None;
         }
@@ -128,6 +142,7 @@ impl Peer {
             announcement: object.clone(),
             collector,
             last_activity: now,
+            reported: None,
             deadline,
         };
         self.incoming.insert(transfer, incoming);
@@ -175,7 +190,7 @@ impl Peer {
         if self.incoming.contains_key(&transfer) {
             return self.collect(now, symbol, stats);
         }
-        if let Some(settled) = self.settled.iter_mut().find(|s| s.transfer == transfer) {
+        if let Some(settled) = self.settled.get_mut(&transfer) {
             // The sender has not heard of the end yet.
             settled.reports_left = settled.reports_left.max(1);
             return None;
@@ -254,14 +269,14 @@ impl Peer {
     fn settle(&mut self, transfer: u32, state: TransferState, received: u32) {
         self.urgent = true;
         if self.settled.len() >= MAX_SETTLED {
-            self.settled.pop_front();
+            self.settled.pop_first();
         }
-        self.settled.push_back(Settled {
-            transfer,
+        let settled = Settled {
             state,
             received,
             reports_left: END_REPORTS,
-        });
+        };
+        self.settled.insert(transfer, settled);
     }
 
     /// Drops what no symbol came for, and what is past its deadline.
@@ -289,7 +304,10 @@ impl Peer {
             .incoming
             .values()
             .any(|incoming| now.since(incoming.last_activity) <= BUSY_FOR)
-            || self.settled.iter().any(|settled| settled.reports_left > 0);
+            || self
+                .settled
+                .values()
+                .any(|settled| settled.reports_left > 0);
         let interval = if self.urgent {
             URGENT_INTERVAL
         } else if busy {
@@ -306,22 +324,28 @@ impl Peer {
         self.urgent = false;
         let mut entries = Vec::new();
         let mut damaged = Vec::new();
-        for settled in self.settled.iter_mut().filter(|s| s.reports_left > 0) {
+        for (&transfer, settled) in &mut self.settled {
+            if settled.reports_left == 0 {
+                continue;
+            }
             settled.reports_left -= 1;
-            entries.push((settled.transfer, settled.state, settled.received, 0));
+            entries.push((transfer, settled.state, settled.received, 0));
             if settled.state == TransferState::Damaged {
-                damaged.push(settled.transfer); // Told once: then the object may be announced and sent again.
+                damaged.push(transfer); // Told once: then the object may be announced and sent again.
             }
         }
         self.settled
-            .retain(|settled| !damaged.contains(&settled.transfer));
+            .retain(|transfer, _| !damaged.contains(transfer));
         for transfer in std::mem::take(&mut self.unknown) {
             entries.push((transfer, TransferState::Unknown, 0, 0));
         }
-        for (transfer, incoming) in &self.incoming {
-            let collector = &incoming.collector;
-            let (received, missing) = (collector.received(), collector.missing());
-            entries.push((*transfer, TransferState::Wanted, received, missing));
+        for (transfer, incoming) in &mut self.incoming {
+            if incoming.is_news(now) {
+                incoming.reported = Some(now);
+                let collector = &incoming.collector;
+                let (received, missing) = (collector.received(), collector.missing());
+                entries.push((*transfer, TransferState::Wanted, received, missing));
+            }
         }
         let room = self.max_bytes.saturating_sub(self.bytes_under_way());
         let mut report = TANDEM_REPORT_DATA {

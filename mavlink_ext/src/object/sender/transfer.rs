@@ -41,6 +41,16 @@ pub(super) fn priority(service: Service) -> u8 {
     }
 }
 
+/// How much more than what a mean share of losses asks for is sent, in standard deviations. What has a deadline is not sent
+/// a second time; for the rest, another round costs nothing but time.
+fn margin(service: Service) -> f64 {
+    match service {
+        Service::Latest { .. } => 3.0,
+        Service::Reliable => 0.0,
+        Service::BestEffort => 1.0,
+    }
+}
+
 /// An object under way.
 pub(super) struct Transfer {
     to: Address,
@@ -73,6 +83,7 @@ impl Transfer {
         link: &LinkEstimate,
     ) -> Self {
         let source_symbols = object.bytes.len().div_ceil(SYMBOL_BYTES) as u32;
+        let margin = margin(object.service);
         Self {
             to,
             number,
@@ -82,7 +93,7 @@ impl Transfer {
             source_symbols,
             fountain: Fountain::new(),
             next_symbol: 0,
-            to_send: link.to_deliver(source_symbols),
+            to_send: link.to_deliver(source_symbols, margin),
             last_symbol: Stamp::ZERO,
             announcements: 0,
             announced: Stamp::ZERO,
@@ -119,7 +130,7 @@ impl Transfer {
     /// Begins anew, for a receiver that knows nothing of it.
     pub(super) fn restart(&mut self, link: &LinkEstimate) {
         self.next_symbol = 0;
-        self.to_send = link.to_deliver(self.source_symbols);
+        self.to_send = link.to_deliver(self.source_symbols, margin(self.object.service));
         self.acknowledged = false;
         self.announce_now = true;
         self.poll_interval = FIRST_POLL;
@@ -232,7 +243,8 @@ impl Transfer {
             TransferState::Complete => return Verdict::Delivered,
             TransferState::Refused => return Verdict::Refused,
             TransferState::Wanted if all_arrived => {
-                self.to_send = link.to_deliver(u32::from(missing).max(1));
+                let margin = margin(self.object.service).max(1.0);
+                self.to_send = link.to_deliver(u32::from(missing).max(1), margin);
             }
             TransferState::Unknown if all_arrived => self.restart(link),
             TransferState::Unknown if now.since(self.announced) >= link.patience() => {
