@@ -139,6 +139,11 @@ impl<T: Clone> Channel<T> {
         probability > 0.0 && self.random.random_bool(probability.min(1.0))
     }
 
+    /// Lets nothing through for a span, besides what the profile says.
+    pub fn fail(&mut self, outage: Outage) {
+        self.profile.outages.push(outage);
+    }
+
     /// What has arrived by now, in that order.
     pub fn arrived(&mut self, now: Stamp) -> Vec<T> {
         let later = self.under_way.split_off(&(now, u64::MAX));

@@ -17,6 +17,7 @@ use clap::ValueEnum;
 use serde::Serialize;
 
 mod figures;
+mod link;
 mod map_update;
 mod planning;
 mod table;
@@ -31,6 +32,8 @@ pub enum Suite {
     Planning,
     /// Rules that fold the evidence of several sources into one map
     MapUpdate,
+    /// The object transport over bad links
+    Link,
 }
 
 /// What a suite is asked to do.
@@ -57,6 +60,7 @@ impl Suite {
         match self {
             Self::Planning => "planning",
             Self::MapUpdate => "map-update",
+            Self::Link => "link",
         }
     }
 
@@ -65,6 +69,7 @@ impl Suite {
         match self {
             Self::Planning => planning::run(request),
             Self::MapUpdate => map_update::run(request),
+            Self::Link => link::run(request),
         }
     }
 }
