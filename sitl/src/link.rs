@@ -27,7 +27,7 @@ pub struct ChannelStats {
     pub dropped: u64,
     /// Lost on the way.
     pub lost: u64,
-    /// Arrived, with those that did so twice.
+    /// Arrived or still under way, with those that do so twice.
     pub arrived: u64,
 }
 
@@ -124,7 +124,7 @@ impl<T: Clone> Channel<T> {
         let jitter = self.profile.jitter.mul_f64(self.random.random());
         let arrival = left + self.profile.delay + jitter;
         if self.happens(self.profile.overtake) {
-            // It takes a way of its own, and so do those behind it.
+            // It takes a way of its own, and those behind do not wait for it.
             return arrival
                 + self
                     .profile

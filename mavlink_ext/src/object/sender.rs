@@ -20,12 +20,14 @@ use transfer::{Transfer, Verdict};
 const PEER_LOST_AFTER: Duration = Duration::from_millis(3500);
 /// Time between announcements to nobody.
 const PROBE_INTERVAL: Duration = Duration::from_secs(1);
-/// Reliable objects under way at once at most: as many as a receiver keeps track of without being asked to.
+/// Reliable objects under way at once at most: half of what a receiver keeps track of by default.
 const MAX_RELIABLE: usize = 512;
 /// Bytes of reliable objects under way at once, in any case.
 const LEAST_WINDOW: usize = 32 << 10;
 /// Further ones may fill the link for so many times as long as reports take to come.
 const WINDOWS: f64 = 2.0;
+/// Bytes of them at most: half of what a receiver holds by default, which drops the rest.
+const MOST_WINDOW: usize = 8 << 20;
 /// Objects with a deadline under way at once.
 const MAX_LATEST: usize = 16;
 /// The budget that may be saved up, as a span of time.
@@ -444,7 +446,7 @@ impl Sender {
         }
         let rate = f64::from(self.settings.bytes_per_second);
         let window = (rate * self.link.patience().as_secs_f64() * WINDOWS) as usize;
-        if reliable < MAX_RELIABLE && under_way < window.max(LEAST_WINDOW) {
+        if reliable < MAX_RELIABLE && under_way < window.clamp(LEAST_WINDOW, MOST_WINDOW) {
             let active = &self.active;
             let is_free = |waiting: &Waiting| {
                 let id = waiting.object.id;

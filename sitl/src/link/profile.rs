@@ -111,7 +111,7 @@ impl Profile {
     /// | name | rate | delay | loss |
     /// |---|---|---|---|
     /// | `ideal` | no limit | 0 | 0 |
-    /// | `mini-homer` | 20 Mbit/s, as the maker says | 10 ms, jitter 10 ms | 2 %, bursts of 5 |
+    /// | `mini-homer` | 20 Mbit/s, one of the figures that its maker gives | 10 ms, jitter 10 ms | 2 %, bursts of 5 |
     /// | `10mbit` | 10 Mbit/s | 20 ms, jitter 5 ms | 1 % |
     /// | `1mbit` | 1 Mbit/s | 50 ms, jitter 10 ms | 1 % |
     /// | `lossy20` | 10 Mbit/s | 50 ms, jitter 20 ms | 20 %, a tenth overtaken, 2 % twice |

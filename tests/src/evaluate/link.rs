@@ -7,7 +7,8 @@
 //! - `goodput_share`: bytes of tiles delivered in 40 s, as a share of `rate × (1 − loss)` less the bytes of the BEV frames delivered,
 //! - `bev_in_time`: share of BEV frames delivered within [`BEV_DEADLINE`],
 //! - `bev_age_p99_ms`: how old 99 of 100 delivered BEV frames are at most, `bev_age_p50_ms` the median,
-//! - `command_p99_ms`: from a command to its acknowledgement, less twice the delay one way,
+//! - `command_p99_ms`: from a command to its acknowledgement, less twice the delay one way; left out of the figures where more
+//!   than one in a hundred is never answered, which `commands_answered` tells,
 //! - `catch_up_s`: after 30 s in which nothing passes, until the tiles that changed meanwhile are there (five seconds' worth of
 //!   the link) and nothing waits,
 //! - `bytes_per_tile`: of frames sent in both directions for each tile delivered; BEV frames, telemetry and commands count, too.
@@ -67,12 +68,13 @@ impl Case {
 }
 
 /// The metrics, and whether more is worse.
-const METRICS: [(&str, bool); 7] = [
+const METRICS: [(&str, bool); 8] = [
     ("goodput_share", false),
     ("bev_in_time", false),
     ("bev_age_p50_ms", true),
     ("bev_age_p99_ms", true),
     ("command_p99_ms", true),
+    ("commands_answered", false),
     ("catch_up_s", true),
     ("bytes_per_tile", true),
 ];
@@ -149,9 +151,10 @@ fn table_row(name: &str, delay_ms: u64, row: &[f64]) -> Vec<String> {
 }
 
 /// The figures of one run, in the order of [`METRICS`].
-fn metrics(case: &Case, measured: &Measured) -> [f64; 7] {
+fn metrics(case: &Case, measured: &Measured) -> [f64; 8] {
     let room = case.rate() * (1.0 - case.loss) * measured.saturated.as_secs_f64();
     let of_bev = measured.bev_bytes as f64;
+    let answered = measured.commands.iter().flatten().count();
     let age = |share: f64| percentile(&measured.bev_ages, share) * 1e3;
     [
         measured.tile_bytes as f64 / (room - of_bev),
@@ -159,6 +162,7 @@ fn metrics(case: &Case, measured: &Measured) -> [f64; 7] {
         age(0.5),
         age(0.99),
         percentile(&measured.commands, 0.99) * 1e3 - 2e3 * case.profile.delay.as_secs_f64(),
+        answered as f64 / measured.commands.len() as f64,
         measured
             .catch_up
             .map_or(f64::INFINITY, |span| span.as_secs_f64()),

@@ -41,8 +41,8 @@ pub(super) fn priority(service: Service) -> u8 {
     }
 }
 
-/// How much more than what a mean share of losses asks for is sent, in standard deviations. What has a deadline is not sent
-/// a second time; for the rest, another round costs nothing but time.
+/// How much more than what a mean share of losses asks for is sent, in standard deviations. What has a deadline has little
+/// time for another round; for what is reliable, one costs nothing but time.
 fn margin(service: Service) -> f64 {
     match service {
         Service::Latest { .. } => 3.0,

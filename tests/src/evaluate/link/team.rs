@@ -32,6 +32,9 @@ const PATIENCE: Duration = Duration::from_mins(2);
 /// So many seconds' worth of tiles wait at any time while the link is saturated.
 const BACKLOG: Duration = Duration::from_secs(2);
 const COMMAND_EVERY_MS: u64 = 250;
+/// Numbers that MAVLink leaves to users (`MAV_CMD_USER_1`), and how many are used in turn.
+const FIRST_COMMAND: u16 = 31010;
+const COMMANDS: u16 = 100;
 const TELEMETRY_EVERY_MS: u64 = 100;
 
 /// A way to bring objects from the UAV to the ground.
@@ -91,8 +94,9 @@ struct Team<'a, T> {
     uav: Encoder,
     ground: Encoder,
     commands: Client,
-    /// When the command under way was begun.
-    commanded: Option<Stamp>,
+    /// When each command under way was begun, by its number.
+    commanded: BTreeMap<u16, Stamp>,
+    next_command: u16,
     random: Pcg64,
     /// Size and time of offer of what was not delivered.
     offered: BTreeMap<ObjectId, (usize, Stamp)>,
@@ -105,9 +109,7 @@ struct Team<'a, T> {
 
 impl<'a, T: Transport> Team<'a, T> {
     fn new(case: &'a Case, transport: T) -> Self {
-        let mut profile = case.profile.clone();
-        // The link fails after all that is measured with it, however long that takes.
-        profile.outages.clear();
+        let profile = case.profile.clone();
         Self {
             case,
             transport,
@@ -118,7 +120,8 @@ impl<'a, T: Transport> Team<'a, T> {
             uav: Encoder::new(UAV),
             ground: Encoder::new(GROUND),
             commands: Client::new(GROUND),
-            commanded: None,
+            commanded: BTreeMap::new(),
+            next_command: 0,
             random: Pcg64::seed_from_u64(case.seed),
             offered: BTreeMap::new(),
             pending: 0,
@@ -243,20 +246,21 @@ impl<'a, T: Transport> Team<'a, T> {
         }
     }
 
+    /// Each command has another number than those that may be unanswered, so that a slow one holds none back.
     fn command(&mut self) {
-        if self.commanded.is_some() {
-            return;
-        }
-        let request = Request::long(512, &[33.0]);
+        let command = FIRST_COMMAND + self.next_command;
+        self.next_command = (self.next_command + 1) % COMMANDS;
+        let request = Request::long(command, &[]);
         if let Ok(message) = self.commands.start(self.now, UAV, request) {
-            self.commanded = Some(self.now);
+            self.commanded.insert(command, self.now);
             self.send_back([message]);
         }
     }
 
     fn ended(&mut self, outcomes: &[mavlink_ext::command::Outcome]) {
         for outcome in outcomes {
-            let took = self.commanded.take().map(|begun| self.now.since(begun));
+            let begun = self.commanded.remove(&outcome.command);
+            let took = begun.map(|begun| self.now.since(begun));
             self.measured
                 .commands
                 .push(took.filter(|_| outcome.result.is_ok()));
