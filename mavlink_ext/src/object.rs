@@ -2,22 +2,25 @@
 //!
 //! An object is announced (`TANDEM_OBJECT`) and sent as `RaptorQ` symbols (RFC 6330, `TANDEM_SYMBOL`): any K of them, or
 //! one or two more, make the object, so that a lost symbol needs no name and is made good by any other. The receiver
-//! reports how many it lacks (`TANDEM_REPORT`); what is sent in addition follows the loss that the reports show:
+//! reports how many it lacks (`TANDEM_REPORT`), and the sender goes on, round by round:
 //!
 //! ```text
-//! n = (K + m·√(K·p)) / (1 − p)      first round; p = share of symbols lost lately, m = 3 with a deadline, else 0
-//! n = missing, in the same way      later rounds, when all symbols under way must have arrived; m = 1 at least
+//! n = missing                                 reliable, while others wait for the link: nothing is sent in vain
+//! n = (missing + m·√(missing·p)) / (1 − p)    else; p = share of symbols lost lately, and m the higher the fewer rounds are
+//!                                             left before a deadline
 //! ```
 //!
+//! - The pace is what the link carries without anything waiting in its buffers, up to a budget: commands wait there, too.
 //! - A receiver that starts late or restarts is noticed by the session in its reports; reliable objects go again.
 //! - A newer version of the same key replaces an older one that waits; one under way is finished first, so that an object
 //!   which changes often gets through at all.
 //! - Both sides are bounded in objects and bytes, the receiver also in age; a checksum (CRC32C) guards each object.
 //!
-//! Both ends are pure: [`Sender::tick`] wants to be called every 10 to 20 ms and paces by a budget of bytes per second.
+//! Both ends are pure. [`Sender::tick`] wants to be called every 10 to 20 ms.
 
 mod estimate;
 mod fountain;
+mod pace;
 mod receiver;
 mod sender;
 #[cfg(test)]
@@ -34,7 +37,7 @@ pub use sender::{OfferError, Sender, SenderEvent, SenderSettings, SenderStats};
 /// No object is larger.
 pub const MAX_OBJECT_BYTES: usize = 4 << 20;
 /// Bytes of a symbol.
-pub const SYMBOL_BYTES: usize = 240;
+pub const SYMBOL_BYTES: usize = 248;
 
 /// What kind of object it is, `TANDEM_STREAM` of the dialect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

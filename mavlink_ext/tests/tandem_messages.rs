@@ -65,8 +65,8 @@ fn transport_messages(b: &mut Bytes<'_>) -> [Message; 6] {
             symbol_size: b.u8(),
         }),
         Message::TANDEM_SYMBOL(TANDEM_SYMBOL_DATA {
-            transfer: b.u32(),
-            symbol: b.u32(),
+            transfer: b.u16(),
+            symbol: b.u16(),
             target_system: b.u8(),
             target_component: b.u8(),
             data: std::array::from_fn(|_| b.u8()),
@@ -75,6 +75,9 @@ fn transport_messages(b: &mut Bytes<'_>) -> [Message; 6] {
             session: b.u32(),
             symbols: b.u32(),
             room: b.u32(),
+            echo_age: b.u32(),
+            echo_transfer: b.u16(),
+            echo_symbol: b.u16(),
             transfers: std::array::from_fn(|_| b.u32()),
             received: std::array::from_fn(|_| b.u16()),
             missing: std::array::from_fn(|_| b.u16()),
@@ -187,7 +190,7 @@ fn none_is_forgotten_here() {
 
 #[test]
 fn trailing_zeros_do_not_travel() {
-    let mut data = [0; 240];
+    let mut data = [0; 248];
     data[0] = 7;
     let symbol = Message::TANDEM_SYMBOL(TANDEM_SYMBOL_DATA {
         transfer: 1,
@@ -197,6 +200,6 @@ fn trailing_zeros_do_not_travel() {
         data,
     });
     let frame = Encoder::new(Address::new(1, 191)).encode(&symbol);
-    assert_eq!(frame.bytes().len(), 12 + 4 + 4 + 2 + 1);
+    assert_eq!(frame.bytes().len(), 12 + 2 + 2 + 2 + 1);
     check_round_trip(&symbol);
 }

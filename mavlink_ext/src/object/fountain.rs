@@ -7,8 +7,6 @@ use raptorq::{
 
 use super::{MAX_OBJECT_BYTES, SYMBOL_BYTES};
 
-/// Symbol ids that the wire allows; RFC 6330 has 24 bits, and padding takes some of them.
-pub(super) const MAX_SYMBOL_ID: u32 = (1 << 23) - 1;
 /// Source symbols of the largest object; what a smaller symbol size may split it into as well.
 pub(super) const MAX_SYMBOLS: usize = MAX_OBJECT_BYTES.div_ceil(SYMBOL_BYTES);
 /// The code fails in 1 of 100 blocks with exactly K symbols, and 100 times less often with each one more. Where it
@@ -39,7 +37,7 @@ impl Fountain {
     }
 
     /// Symbol `id` of these bytes, which must be the same each time.
-    pub(super) fn symbol(&mut self, bytes: &[u8], id: u32) -> [u8; SYMBOL_BYTES] {
+    pub(super) fn symbol(&mut self, bytes: &[u8], id: u16) -> [u8; SYMBOL_BYTES] {
         let mut symbol = [0; SYMBOL_BYTES];
         let start = id as usize * SYMBOL_BYTES;
         if let Some(source) = bytes.get(start..).filter(|source| !source.is_empty()) {
@@ -53,7 +51,7 @@ impl Fountain {
             SourceBlockEncoder::new(0, &block(bytes.len(), SYMBOL_BYTES), &padded)
         });
         let first_repair = bytes.len().div_ceil(SYMBOL_BYTES) as u32;
-        for packet in repair.repair_packets(id - first_repair, 1) {
+        for packet in repair.repair_packets(u32::from(id) - first_repair, 1) {
             symbol.copy_from_slice(packet.data());
         }
         symbol
@@ -77,7 +75,7 @@ pub(super) struct Collector {
     size: usize,
     symbol_bytes: usize,
     needed: u32,
-    seen: std::collections::BTreeSet<u32>,
+    seen: std::collections::BTreeSet<u16>,
     attempts: u32,
 }
 
@@ -107,15 +105,15 @@ impl Collector {
     }
 
     /// Adds a symbol, of which only the first bytes may count.
-    pub(super) fn add(&mut self, id: u32, data: &[u8; SYMBOL_BYTES]) -> Progress {
-        if id > MAX_SYMBOL_ID || !self.seen.insert(id) {
+    pub(super) fn add(&mut self, id: u16, data: &[u8; SYMBOL_BYTES]) -> Progress {
+        if !self.seen.insert(id) {
             return Progress::Wanting;
         }
         if self.received() >= self.needed {
             self.attempts += 1;
         }
         let symbol = data[..self.symbol_bytes].to_vec();
-        let packet = EncodingPacket::new(PayloadId::new(0, id), symbol);
+        let packet = EncodingPacket::new(PayloadId::new(0, u32::from(id)), symbol);
         match self.decoder.decode([packet]) {
             Some(mut bytes) => {
                 bytes.truncate(self.size);
@@ -135,16 +133,16 @@ mod tests {
 
     #[test]
     fn sizes_that_no_object_has_are_refused() {
-        assert_eq!(source_symbols(0, 240), None);
-        assert_eq!(source_symbols(MAX_OBJECT_BYTES + 1, 240), None);
-        assert_eq!(source_symbols(MAX_OBJECT_BYTES, 240), Some(17_477));
+        assert_eq!(source_symbols(0, 248), None);
+        assert_eq!(source_symbols(MAX_OBJECT_BYTES + 1, 248), None);
+        assert_eq!(source_symbols(MAX_OBJECT_BYTES, 248), Some(16_913));
         assert_eq!(
             source_symbols(MAX_OBJECT_BYTES, 8),
             None,
             "too many symbols"
         );
         assert_eq!(source_symbols(100, 7), None);
-        assert_eq!(source_symbols(100, 248), None);
+        assert_eq!(source_symbols(100, 256), None);
         assert_eq!(source_symbols(1, 8), Some(1));
     }
 
@@ -153,11 +151,11 @@ mod tests {
 
         #[test]
         fn any_symbols_a_few_more_than_needed_make_the_object(
-            bytes in prop::collection::vec(any::<u8>(), 1..20_000), first in 0u32..200, step in 1u32..5
+            bytes in prop::collection::vec(any::<u8>(), 1..20_000), first in 0u16..200, step in 1u16..5
         ) {
             let mut fountain = Fountain::new();
             let mut collector = Collector::new(bytes.len(), SYMBOL_BYTES).expect("allowed");
-            let enough = collector.missing() + 6;
+            let enough = collector.missing() as u16 + 6;
             let made = (0..enough).find_map(|i| {
                 let id = first + i * step;
                 match collector.add(id, &fountain.symbol(&bytes, id)) {
@@ -170,7 +168,7 @@ mod tests {
 
         #[test]
         fn forged_symbols_never_panic_and_end(
-            size in 1usize..5_000, symbols in prop::collection::vec((any::<u32>(), any::<u8>()), 0..100)
+            size in 1usize..5_000, symbols in prop::collection::vec((any::<u16>(), any::<u8>()), 0..100)
         ) {
             let mut collector = Collector::new(size, SYMBOL_BYTES).expect("allowed");
             for (id, byte) in symbols {

@@ -7,6 +7,7 @@ use std::time::Duration;
 
 use maps::time::Stamp;
 
+use super::estimate::NO_ECHO;
 use super::{MAX_OBJECT_BYTES, ObjectId};
 use crate::dialect::Message;
 use crate::dialect::tandem::TANDEM_REPORT_DATA;
@@ -37,7 +38,7 @@ impl Default for ReceiverLimits {
     fn default() -> Self {
         Self {
             object_bytes: MAX_OBJECT_BYTES,
-            transfers: 1024,
+            transfers: 4096,
             bytes: 16 << 20,
             age: Duration::from_secs(30),
             senders: 8,
@@ -168,6 +169,7 @@ impl Receiver {
             step.send.push(Message::TANDEM_REPORT(TANDEM_REPORT_DATA {
                 session: self.session,
                 room: u32::try_from(self.limits.bytes).unwrap_or(u32::MAX),
+                echo_age: NO_ECHO,
                 ..TANDEM_REPORT_DATA::default()
             }));
         }

@@ -9,34 +9,42 @@ use std::time::Duration;
 use maps::time::Stamp;
 
 use super::estimate::LinkEstimate;
+use super::pace::Pacer;
 use super::{MAX_OBJECT_BYTES, Object, ObjectId, Service, StreamId, TransferState};
 use crate::dialect::Message;
 use crate::dialect::tandem::TANDEM_REPORT_DATA;
 use crate::service::{Ends, Step};
 use crate::wire::Address;
-use transfer::{Transfer, Verdict};
+use transfer::{Conditions, Outgoing, Transfer, Verdict};
 
 /// A receiver that has not reported for so long is gone: only announcements are sent, to find it again.
 const PEER_LOST_AFTER: Duration = Duration::from_millis(3500);
 /// Time between announcements to nobody.
 const PROBE_INTERVAL: Duration = Duration::from_secs(1);
 /// Reliable objects under way at once at most: half of what a receiver keeps track of by default.
-const MAX_RELIABLE: usize = 512;
+const MAX_RELIABLE: usize = 2048;
 /// Bytes of reliable objects under way at once, in any case.
 const LEAST_WINDOW: usize = 32 << 10;
-/// Further ones may fill the link for so many times as long as reports take to come.
-const WINDOWS: f64 = 2.0;
-/// Bytes of them at most: half of what a receiver holds by default, which drops the rest.
-const MOST_WINDOW: usize = 8 << 20;
+/// Further ones may fill the link for so many times as long as reports take to come: most are complete after so many rounds.
+const WINDOWS: f64 = 4.0;
+/// From the end of a round to the report of it, while the way back is slow.
+const ROUND_LATENCY: Duration = Duration::from_millis(150);
+/// What a lost report costs: the receiver tells again after a while, and that report may be lost, too.
+const LOST_REPORT: Duration = Duration::from_millis(300);
+/// Bytes of them at most: three quarters of what a receiver holds by default.
+const MOST_WINDOW: usize = 12 << 20;
+/// A link on which there was always something to send for so long is busy.
+const BUSY_AFTER: Duration = Duration::from_millis(100);
+/// The address that telemetry radios report from, "3D" in ASCII
+/// (<https://mavlink.io/en/messages/common.html#RADIO_STATUS>).
+const RADIO: Address = Address::new(51, 68);
 /// Objects with a deadline under way at once.
 const MAX_LATEST: usize = 16;
-/// The budget that may be saved up, as a span of time.
-const BURST: Duration = Duration::from_millis(100);
 
 /// How much may be sent and kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SenderSettings {
-    /// Budget of the link for objects, in bytes of MAVLink frames per second.
+    /// Budget of the link for objects, in bytes of MAVLink frames per second. Less is sent where the link carries less.
     pub bytes_per_second: u32,
     /// Objects that wait may fill so much memory.
     pub max_queued_bytes: usize,
@@ -130,6 +138,10 @@ pub struct SenderStats {
     pub bytes_pending: usize,
     /// Share of symbols lost lately; `None` before it is known.
     pub loss: Option<f64>,
+    /// What may be sent at present, in bytes per second: the budget, or what the link is found to carry.
+    pub pace: f64,
+    /// How long symbols wait in the buffers of the link, beyond its shortest way.
+    pub wait: Duration,
     /// Whether the receiver reports.
     pub receiver_alive: bool,
 }
@@ -167,9 +179,11 @@ pub struct Sender {
     last_report: Option<Stamp>,
     probe_due: Stamp,
     link: LinkEstimate,
-    /// Bytes that may be sent now.
-    budget: f64,
-    refilled: Stamp,
+    pacer: Pacer,
+    /// When there was nothing to send.
+    last_idle: Stamp,
+    /// Bytes of reliable objects that the receiver can hold.
+    room: usize,
     counts: SenderStats,
 }
 
@@ -191,8 +205,9 @@ impl Sender {
             last_report: None,
             probe_due: now,
             link: LinkEstimate::new(),
-            budget: 0.0,
-            refilled: now,
+            pacer: Pacer::new(now, settings.bytes_per_second),
+            last_idle: now,
+            room: MOST_WINDOW,
             counts: SenderStats::default(),
         }
     }
@@ -254,6 +269,10 @@ impl Sender {
             Message::TANDEM_REPORT(report) if self.ends.accept(from, message) => {
                 self.reported(now, report)
             }
+            Message::RADIO_STATUS(status) if from == RADIO => {
+                self.pacer.radio_has_room(now, status.txbuf);
+                Step::none()
+            }
             _ => Step::none(),
         }
     }
@@ -264,11 +283,18 @@ impl Sender {
             .receiver_session
             .is_some_and(|session| session != report.session);
         self.receiver_session = Some(report.session);
+        let was_lost = !self.receiver_is_alive(now);
         self.last_report = Some(now);
         if restarted {
             step.extend(self.receiver_restarted(now));
+        } else if was_lost {
+            self.active.iter_mut().for_each(Transfer::ask);
         }
-        self.link.reported(now, report.symbols);
+        if let Some(echo) = self.link.reported(now, report) {
+            self.pacer.echoed(now, echo, self.link.round_trip());
+        }
+        self.room = report.room as usize + self.under_way();
+        let is_busy = self.is_busy(now);
         let entries = report.transfers.iter().zip(report.missing);
         let count = usize::from(report.count);
         for ((&number, missing), state) in entries.zip(report.states).take(count) {
@@ -276,7 +302,11 @@ impl Sender {
             let (Some(place), Some(state)) = (place, TransferState::from_wire(state)) else {
                 continue;
             };
-            match self.active[place].reported(now, (state, missing), &mut self.link) {
+            let conditions = Conditions {
+                link: &self.link,
+                is_busy,
+            };
+            match self.active[place].reported(now, (state, missing), conditions) {
                 Verdict::Continue => {}
                 Verdict::Delivered => step.events.push(self.delivered(now, place)),
                 Verdict::Refused => {
@@ -322,8 +352,12 @@ impl Sender {
 
     fn receiver_restarted(&mut self, now: Stamp) -> Step<SenderEvent> {
         self.link.peer_restarted();
+        let conditions = Conditions {
+            link: &self.link,
+            is_busy: true,
+        };
         for transfer in &mut self.active {
-            transfer.restart(&self.link);
+            transfer.restart(now, conditions);
         }
         self.kept_bytes = 0;
         let mut resending = 0;
@@ -352,39 +386,41 @@ impl Sender {
 
     /// Lets time pass: sends what the budget allows. Wants to be called every 10 to 20 ms.
     pub fn tick(&mut self, now: Stamp) -> Step<SenderEvent> {
-        self.refill(now);
+        self.pacer.refill(now);
         let mut step = self.expire(now);
         if !self.receiver_is_alive(now) {
             step.send.extend(self.probe(now));
             return step;
         }
-        self.activate();
-        while self.budget > 0.0 {
-            let Some(place) = self.next_to_send(now) else {
+        self.activate(now);
+        while let Some(place) = self.next_to_send(now) {
+            if !self.pacer.allows() {
+                self.pacer.ran_out();
                 break;
-            };
+            }
             let transfer = &mut self.active[place];
-            let (message, wire_bytes, symbols) = transfer.next_message(now, &self.link);
-            self.budget -= wire_bytes as f64;
+            let Outgoing {
+                message,
+                wire_bytes,
+                symbol,
+            } = transfer.next_message(now, &self.link);
+            self.pacer.spend(wire_bytes);
             self.counts.wire_bytes += wire_bytes as u64;
-            self.counts.symbols_sent += symbols;
+            if let Some(symbol) = symbol {
+                self.counts.symbols_sent += 1;
+                let name = (transfer.number(), symbol);
+                self.link.symbol_sent(now, name, self.counts.wire_bytes);
+            }
             if transfer.is_sent_for_good() {
                 self.active.remove(place);
-                self.activate();
+                self.activate(now);
             }
             step.send.push(message);
         }
-        self.link.sent_by(now, self.counts.symbols_sent);
+        if self.pacer.allows() {
+            self.last_idle = now;
+        }
         step
-    }
-
-    fn refill(&mut self, now: Stamp) {
-        let rate = f64::from(self.settings.bytes_per_second);
-        let earned = rate * now.since(self.refilled).as_secs_f64();
-        // Even a very slow link must be able to send one frame.
-        let most = (rate * BURST.as_secs_f64()).max(1.0);
-        self.budget = (self.budget + earned).min(most);
-        self.refilled = now;
     }
 
     fn expire(&mut self, now: Stamp) -> Step<SenderEvent> {
@@ -418,35 +454,52 @@ impl Sender {
             return None;
         }
         if self.active.is_empty() {
-            self.activate();
+            self.activate(now);
         }
         let transfer = self.active.first_mut()?;
         self.probe_due = now + PROBE_INTERVAL;
-        let (message, wire_bytes) = transfer.announce(now);
-        self.counts.wire_bytes += wire_bytes as u64;
-        Some(message)
+        let announcement = transfer.announce(now);
+        self.counts.wire_bytes += announcement.wire_bytes as u64;
+        Some(announcement.message)
     }
 
     /// Takes objects from the queues while there is a place for their class.
-    fn activate(&mut self) {
-        while let Some(Waiting { object, offered }) = self.next_to_begin() {
+    fn activate(&mut self, now: Stamp) {
+        while let Some(waiting) = self.next_to_begin(now) {
             let number = self.next_number();
-            let begun = Transfer::new(self.ends.peer, number, (object, offered), &self.link);
+            let conditions = Conditions {
+                link: &self.link,
+                is_busy: self.is_busy(now),
+            };
+            let begun = Transfer::new(now, (self.ends.peer, number), waiting, conditions);
             self.active.push(begun);
         }
     }
 
-    fn next_to_begin(&mut self) -> Option<Waiting> {
-        let of = |priority: u8| (self.active.iter()).filter(move |t| t.priority() == priority);
+    fn is_busy(&self, now: Stamp) -> bool {
+        now.since(self.last_idle) > BUSY_AFTER
+    }
+
+    /// Bytes of reliable objects under way.
+    fn under_way(&self) -> usize {
+        let reliable = self.active.iter().filter(|t| t.priority() == 1);
+        reliable.map(|t| t.object().bytes.len()).sum()
+    }
+
+    fn next_to_begin(&mut self, now: Stamp) -> Option<Waiting> {
+        let of = |priority: u8| self.active.iter().filter(move |t| t.priority() == priority);
         let (latest, reliable) = (of(0).count(), of(1).count());
-        let under_way: usize = of(1).map(|t| t.object().bytes.len()).sum();
+        let under_way = self.under_way();
         let [first, second, third] = &mut self.waiting;
         if latest < MAX_LATEST && !first.is_empty() {
             return first.pop_front();
         }
-        let rate = f64::from(self.settings.bytes_per_second);
-        let window = (rate * self.link.patience().as_secs_f64() * WINDOWS) as usize;
-        if reliable < MAX_RELIABLE && under_way < window.clamp(LEAST_WINDOW, MOST_WINDOW) {
+        let lost_reports = LOST_REPORT.mul_f64(self.link.loss().unwrap_or(0.0));
+        let round = self.link.patience() + ROUND_LATENCY + lost_reports;
+        let window = self.pacer.rate(now) * round.as_secs_f64() * WINDOWS;
+        let window = (window as usize).clamp(LEAST_WINDOW, MOST_WINDOW);
+        let has_room = under_way < window.min(self.room) || reliable == 0;
+        if reliable < MAX_RELIABLE && has_room {
             let active = &self.active;
             let is_free = |waiting: &Waiting| {
                 let id = waiting.object.id;
@@ -503,6 +556,8 @@ impl Sender {
                 + self.active.len(),
             bytes_pending: self.waiting_bytes() + active_bytes,
             loss: self.link.loss(),
+            pace: self.pacer.rate(now),
+            wait: self.pacer.wait(),
             receiver_alive: self.receiver_is_alive(now),
             ..self.counts
         }

@@ -363,7 +363,7 @@ fn best_effort_is_sent_once() {
             version: 1,
         },
         service: Service::BestEffort,
-        bytes: content(24_000, 1),
+        bytes: content(24_800, 1),
     };
     room.sender.offer(room.now, picture).expect("room");
     room.run_until_idle(Duration::from_secs(2));
@@ -409,11 +409,11 @@ proptest! {
                 Message::TANDEM_OBJECT(TANDEM_OBJECT_DATA {
                     key: u64::from(b), version: u64::from(c), transfer: transfer << (d % 32), size: a >> (c % 32),
                     hash: b, deadline: u32::from(c), target_system: 0, target_component: 0, stream: d, service: c,
-                    symbol_size: if kind % 2 == 0 { 240 } else { d },
+                    symbol_size: if kind % 2 == 0 { 248 } else { d },
                 })
             } else {
                 Message::TANDEM_SYMBOL(TANDEM_SYMBOL_DATA {
-                    transfer: transfer << (d % 32), symbol: a >> (c % 32), data: [c; SYMBOL_BYTES],
+                    transfer: transfer as u16, symbol: (a >> (c % 32)) as u16, data: [c; SYMBOL_BYTES],
                     ..TANDEM_SYMBOL_DATA::default()
                 })
             };
@@ -433,7 +433,8 @@ proptest! {
         for (session, symbols, count, state, missing) in reports {
             let report = TANDEM_REPORT_DATA {
                 session: session % 2, symbols, count, states: [state % 8; 8], missing: [missing; 8],
-                transfers: [7 << 16 | u32::from(state % 4); 8], ..TANDEM_REPORT_DATA::default()
+                transfers: [7 << 16 | u32::from(state % 4); 8], echo_transfer: 1, echo_symbol: missing % 32,
+                echo_age: symbols >> (count % 32), ..TANDEM_REPORT_DATA::default()
             };
             room.sender.handle(room.now, STATION, &Message::TANDEM_REPORT(report));
             room.run(Duration::from_millis(20));
@@ -447,7 +448,7 @@ fn one_transfer_with_a_forged_symbol_is_sent_again() {
     room.offer(1, 1, content(24_000, 1));
     room.run(Duration::from_millis(20));
     let forged = Message::TANDEM_SYMBOL(TANDEM_SYMBOL_DATA {
-        transfer: 7 << 16 | 1,
+        transfer: 1,
         symbol: 99,
         data: [0xEE; SYMBOL_BYTES],
         ..TANDEM_SYMBOL_DATA::default()

@@ -8,6 +8,7 @@ use maps::time::Stamp;
 use super::{IDLE_INTERVAL, ReceiverLimits, ReceiverStats};
 use crate::dialect::Message;
 use crate::dialect::tandem::{TANDEM_OBJECT_DATA, TANDEM_REPORT_DATA, TANDEM_SYMBOL_DATA};
+use crate::object::estimate::NO_ECHO;
 use crate::object::fountain::{Collector, Progress};
 use crate::object::{ObjectId, REPORT_ENTRIES, Service, StreamId, TransferState};
 use crate::wire::Address;
@@ -16,16 +17,27 @@ use crate::wire::Address;
 const BUSY_INTERVAL: Duration = Duration::from_millis(100);
 /// Time between reports when there is news that the sender waits for.
 const URGENT_INTERVAL: Duration = Duration::from_millis(10);
+/// More often than every [`BUSY_INTERVAL`] only so many bytes are reported for each that arrives: the way back may be as slow.
+const REPORTED_SHARE: f64 = 0.06;
+/// What may be saved up of them, and borrowed.
+const REPORT_BYTES: f64 = 1000.0;
+/// Of one report's frame, and of a symbol's.
+const REPORT_FRAME_BYTES: f64 = 111.0;
+const SYMBOL_FRAME_BYTES: f64 = 266.0;
+/// What an object lacks is told again after so long: the sender may not have heard, or may have sent in vain.
+const AGAIN: Duration = Duration::from_millis(150);
+/// The same of an object with a deadline.
+const AGAIN_IN_HASTE: Duration = Duration::from_millis(40);
 /// An object for which nothing came for so long may have been sent as far as it goes: the sender wants to know what it lacks.
 const STALLED: Duration = Duration::from_millis(30);
 /// After so long without a symbol, reports come slowly again.
 const BUSY_FOR: Duration = Duration::from_secs(3);
 /// Ended transfers remembered, so that a repeated announcement is answered.
-const MAX_SETTLED: usize = 2048;
+const MAX_SETTLED: usize = 4096;
 /// A transfer's end is reported so often, since reports get lost too.
 const END_REPORTS: u32 = 3;
-/// Symbols kept that overtook their announcement.
-const MAX_ORPHANS: usize = 256;
+/// Symbols kept that overtook their announcement, or whose announcement was lost: what a fast link carries in a round trip.
+const MAX_ORPHANS: usize = 4096;
 /// Keys whose newest version is remembered.
 const MAX_KEYS: usize = 8192;
 
@@ -43,7 +55,14 @@ impl Incoming {
     /// Whether the sender does not know that we know of it, or may wait to hear what is missing.
     fn is_news(&self, now: Stamp) -> bool {
         self.reported.is_none_or(|reported| {
-            now.since(self.last_activity) >= STALLED && now.since(reported) >= BUSY_INTERVAL
+            let has_stalled = now.since(self.last_activity) >= STALLED;
+            let is_told = reported.since(self.last_activity) >= STALLED;
+            let again = if self.deadline.is_some() {
+                AGAIN_IN_HASTE
+            } else {
+                AGAIN
+            };
+            has_stalled && (!is_told || now.since(reported) >= again)
         })
     }
 }
@@ -61,14 +80,21 @@ pub(super) struct Peer {
     /// The sender's session: the upper half of its transfer numbers.
     session: u16,
     incoming: BTreeMap<u32, Incoming>,
-    /// By transfer: the oldest first, until the numbers begin anew.
     settled: BTreeMap<u32, Settled>,
+    /// Their numbers, the oldest first.
+    settled_order: VecDeque<u32>,
     unknown: BTreeSet<u32>,
-    /// Symbols of unknown transfers, the newest last.
-    orphans: VecDeque<TANDEM_SYMBOL_DATA>,
+    /// Symbols of unknown transfers.
+    orphans: BTreeMap<u16, Vec<TANDEM_SYMBOL_DATA>>,
+    /// The transfer of each, the newest last; also of some that are not kept any more.
+    orphan_order: VecDeque<u16>,
     /// Version and checksum of the newest reliable object of each key.
     have: BTreeMap<(StreamId, u64), (u64, u32)>,
     symbols: u32,
+    /// Transfer, number and time of the last symbol.
+    last_symbol: Option<(u16, u16, Stamp)>,
+    /// Bytes that may be reported more often than at leisure.
+    report_budget: f64,
     last_report: Option<Stamp>,
     urgent: bool,
     max_bytes: usize,
@@ -81,10 +107,14 @@ impl Peer {
             session: 0,
             incoming: BTreeMap::new(),
             settled: BTreeMap::new(),
+            settled_order: VecDeque::new(),
             unknown: BTreeSet::new(),
-            orphans: VecDeque::new(),
+            orphans: BTreeMap::new(),
+            orphan_order: VecDeque::new(),
             have: BTreeMap::new(),
             symbols: 0,
+            last_symbol: None,
+            report_budget: REPORT_BYTES,
             last_report: None,
             urgent: false,
             max_bytes,
@@ -146,11 +176,9 @@ impl Peer {
             deadline,
         };
         self.incoming.insert(transfer, incoming);
-        let orphans = std::mem::take(&mut self.orphans);
-        let (ours, others) = orphans.into_iter().partition(|o| o.transfer == transfer);
-        self.orphans = others;
-        let ours: VecDeque<TANDEM_SYMBOL_DATA> = ours;
-        ours.iter()
+        let orphans = self.orphans.remove(&(transfer as u16)).unwrap_or_default();
+        orphans
+            .iter()
             .find_map(|symbol| self.collect(now, symbol, stats))
     }
 
@@ -160,6 +188,7 @@ impl Peer {
             self.session = session;
             self.incoming.clear();
             self.settled.clear();
+            self.settled_order.clear();
             self.have.clear();
         }
     }
@@ -185,8 +214,11 @@ impl Peer {
         symbol: &TANDEM_SYMBOL_DATA,
         stats: &mut ReceiverStats,
     ) -> Option<(ObjectId, Vec<u8>)> {
-        let transfer = symbol.transfer;
+        let transfer = self.number(symbol);
         self.symbols = self.symbols.wrapping_add(1);
+        self.last_symbol = Some((symbol.transfer, symbol.symbol, now));
+        self.report_budget =
+            (self.report_budget + REPORTED_SHARE * SYMBOL_FRAME_BYTES).min(REPORT_BYTES);
         if self.incoming.contains_key(&transfer) {
             return self.collect(now, symbol, stats);
         }
@@ -198,11 +230,29 @@ impl Peer {
         if self.unknown.len() < REPORT_ENTRIES {
             self.urgent |= self.unknown.insert(transfer);
         }
-        if self.orphans.len() >= MAX_ORPHANS {
-            self.orphans.pop_front();
-        }
-        self.orphans.push_back(symbol.clone());
+        self.adopt(symbol);
         None
+    }
+
+    /// Keeps a symbol of an unknown transfer, in place of the oldest.
+    fn adopt(&mut self, symbol: &TANDEM_SYMBOL_DATA) {
+        if self.orphan_order.len() >= MAX_ORPHANS
+            && let Some(transfer) = self.orphan_order.pop_front()
+            && let Some(orphans) = self.orphans.get_mut(&transfer)
+        {
+            orphans.pop();
+            if orphans.is_empty() {
+                self.orphans.remove(&transfer);
+            }
+        }
+        self.orphan_order.push_back(symbol.transfer);
+        let orphans = self.orphans.entry(symbol.transfer).or_default();
+        orphans.push(symbol.clone());
+    }
+
+    /// The whole number of a symbol's transfer.
+    fn number(&self, symbol: &TANDEM_SYMBOL_DATA) -> u32 {
+        u32::from(self.session) << 16 | u32::from(symbol.transfer)
     }
 
     fn collect(
@@ -211,13 +261,14 @@ impl Peer {
         symbol: &TANDEM_SYMBOL_DATA,
         stats: &mut ReceiverStats,
     ) -> Option<(ObjectId, Vec<u8>)> {
-        let incoming = self.incoming.get_mut(&symbol.transfer)?;
+        let transfer = self.number(symbol);
+        let incoming = self.incoming.get_mut(&transfer)?;
         incoming.last_activity = now;
         match incoming.collector.add(symbol.symbol, &symbol.data) {
             Progress::Wanting => None,
-            Progress::Complete(bytes) => self.completed(symbol.transfer, bytes, stats),
+            Progress::Complete(bytes) => self.completed(transfer, bytes, stats),
             Progress::Hopeless => {
-                self.damaged(symbol.transfer, stats);
+                self.damaged(transfer, stats);
                 None
             }
         }
@@ -268,8 +319,11 @@ impl Peer {
 
     fn settle(&mut self, transfer: u32, state: TransferState, received: u32) {
         self.urgent = true;
-        if self.settled.len() >= MAX_SETTLED {
-            self.settled.pop_first();
+        self.settled_order.push_back(transfer);
+        if self.settled_order.len() > MAX_SETTLED
+            && let Some(oldest) = self.settled_order.pop_front()
+        {
+            self.settled.remove(&oldest);
         }
         let settled = Settled {
             state,
@@ -296,7 +350,11 @@ impl Peer {
 
     /// Whether there is news that cannot wait for the next tick.
     pub(super) fn report_is_urgent(&self, now: Stamp) -> bool {
-        self.urgent && self.since_report(now) >= URGENT_INTERVAL
+        self.may_hurry() && self.since_report(now) >= URGENT_INTERVAL
+    }
+
+    fn may_hurry(&self) -> bool {
+        self.urgent && self.report_budget > 0.0
     }
 
     pub(super) fn report_is_due(&self, now: Stamp) -> bool {
@@ -308,9 +366,11 @@ impl Peer {
                 .settled
                 .values()
                 .any(|settled| settled.reports_left > 0);
-        let interval = if self.urgent {
+        let hurries = (self.incoming.values())
+            .any(|incoming| incoming.deadline.is_some() && incoming.is_news(now));
+        let interval = if self.may_hurry() || hurries {
             URGENT_INTERVAL
-        } else if busy {
+        } else if busy || self.urgent {
             BUSY_INTERVAL
         } else {
             IDLE_INTERVAL
@@ -348,14 +408,24 @@ impl Peer {
             }
         }
         let room = self.max_bytes.saturating_sub(self.bytes_under_way());
+        let (echo_transfer, echo_symbol, came) = self
+            .last_symbol
+            .map_or((0, 0, None), |(t, s, at)| (t, s, Some(at)));
+        let age = came.map(|at| u32::try_from(now.since(at).as_micros()).unwrap_or(NO_ECHO));
         let mut report = TANDEM_REPORT_DATA {
             session,
             symbols: self.symbols,
+            echo_transfer,
+            echo_symbol,
+            echo_age: age.unwrap_or(NO_ECHO),
             room: u32::try_from(room).unwrap_or(u32::MAX),
             target_system: to.system.0,
             target_component: to.component.0,
             ..TANDEM_REPORT_DATA::default()
         };
+        let count = entries.len().div_ceil(REPORT_ENTRIES).max(1);
+        self.report_budget =
+            (self.report_budget - count as f64 * REPORT_FRAME_BYTES).max(-REPORT_BYTES);
         if entries.is_empty() {
             return vec![Message::TANDEM_REPORT(report)];
         }

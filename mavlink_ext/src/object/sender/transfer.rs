@@ -5,22 +5,23 @@ use std::time::Duration;
 
 use maps::time::Stamp;
 
+use super::Waiting;
 use crate::dialect::Message;
 use crate::dialect::tandem::{TANDEM_OBJECT_DATA, TANDEM_SYMBOL_DATA};
 use crate::object::estimate::LinkEstimate;
-use crate::object::fountain::{Fountain, MAX_SYMBOL_ID};
+use crate::object::fountain::Fountain;
 use crate::object::{Object, SYMBOL_BYTES, Service, TransferState};
 use crate::wire::Address;
 
-/// Bytes of the frames that carry the messages; symbols that end in zeros take fewer.
+/// Bytes of the frame of an announcement, and of one of a symbol without the symbol.
 const OBJECT_FRAME_BYTES: usize = 12 + 37;
-const SYMBOL_FRAME_BYTES: usize = 12 + 10 + SYMBOL_BYTES;
-/// Until the receiver has answered, the announcement is repeated after so many symbols: it may have been lost.
+const SYMBOL_FRAME_BYTES: usize = 12 + 6;
+/// Symbols from one announcement to the next, as long as none is answered: it may have been lost.
 const SYMBOLS_PER_ANNOUNCEMENT: u32 = 32;
 /// Silence after the last symbol before the receiver is asked by another announcement.
 const FIRST_POLL: Duration = Duration::from_millis(400);
 /// The longest silence between such questions.
-const MAX_POLL: Duration = Duration::from_secs(4);
+const MAX_POLL: Duration = Duration::from_secs(1);
 /// So often an object may decode to a wrong checksum.
 const MAX_DAMAGED: u32 = 3;
 
@@ -41,15 +42,27 @@ pub(super) fn priority(service: Service) -> u8 {
     }
 }
 
-/// How much more than what a mean share of losses asks for is sent, in standard deviations. What has a deadline has little
-/// time for another round; for what is reliable, one costs nothing but time.
-fn margin(service: Service) -> f64 {
-    match service {
-        Service::Latest { .. } => 3.0,
-        Service::Reliable => 0.0,
-        Service::BestEffort => 1.0,
-    }
+/// What decides how many symbols a round has.
+#[derive(Clone, Copy)]
+pub(super) struct Conditions<'a> {
+    pub(super) link: &'a LinkEstimate,
+    /// Whether the link has been full for a while.
+    pub(super) is_busy: bool,
 }
+
+/// A message that is sent, and the bytes of its frame.
+pub(super) struct Outgoing {
+    pub(super) message: Message,
+    pub(super) wire_bytes: usize,
+    /// The symbol that it carries.
+    pub(super) symbol: Option<u16>,
+}
+
+/// By how many standard deviations more symbols are sent to meet a deadline than arrive on average, where no, one or more
+/// further rounds are possible in time.
+const MARGINS: [f64; 3] = [3.0, 1.5, 0.5];
+/// The same for other objects, on a link that has room.
+const SPARE_MARGIN: f64 = 1.0;
 
 /// An object under way.
 pub(super) struct Transfer {
@@ -60,15 +73,16 @@ pub(super) struct Transfer {
     hash: u32,
     source_symbols: u32,
     fountain: Fountain,
-    next_symbol: u32,
+    next_symbol: u16,
     /// Symbols still to be sent in this round.
     to_send: u32,
     last_symbol: Stamp,
-    announcements: u32,
     announced: Stamp,
     /// Whether the receiver has answered the announcement.
     acknowledged: bool,
     announce_now: bool,
+    /// Until the receiver has answered the announcement, it is repeated after so many symbols.
+    announce_every: u32,
     symbols_since_announcement: u32,
     poll_due: Stamp,
     poll_interval: Duration,
@@ -77,32 +91,54 @@ pub(super) struct Transfer {
 
 impl Transfer {
     pub(super) fn new(
-        to: Address,
-        number: u32,
-        (object, offered): (Arc<Object>, Stamp),
-        link: &LinkEstimate,
+        now: Stamp,
+        (to, number): (Address, u32),
+        Waiting { object, offered }: Waiting,
+        conditions: Conditions<'_>,
     ) -> Self {
-        let source_symbols = object.bytes.len().div_ceil(SYMBOL_BYTES) as u32;
-        let margin = margin(object.service);
-        Self {
+        let mut transfer = Self {
             to,
             number,
             hash: crc32c::crc32c(&object.bytes),
+            source_symbols: object.bytes.len().div_ceil(SYMBOL_BYTES) as u32,
             object,
             offered,
-            source_symbols,
             fountain: Fountain::new(),
             next_symbol: 0,
-            to_send: link.to_deliver(source_symbols, margin),
+            to_send: 0,
             last_symbol: Stamp::ZERO,
-            announcements: 0,
             announced: Stamp::ZERO,
             acknowledged: false,
             announce_now: true,
+            announce_every: SYMBOLS_PER_ANNOUNCEMENT,
             symbols_since_announcement: 0,
             poll_due: Stamp::ZERO,
             poll_interval: FIRST_POLL,
             damaged: 0,
+        };
+        transfer.to_send = transfer.round(now, transfer.source_symbols, conditions);
+        if matches!(transfer.object.service, Service::Latest { .. }) {
+            // There is no time to find out that the announcement was lost.
+            let apart = transfer.to_send / conditions.link.copies();
+            transfer.announce_every = apart.clamp(1, SYMBOLS_PER_ANNOUNCEMENT);
+        }
+        transfer
+    }
+
+    /// How many symbols to send when so many are missing.
+    ///
+    /// What has no deadline shares a busy link: each symbol that arrives helps some object, as long as none gets more than
+    /// it lacks. So nothing is sent in advance, and it takes rounds. Where nothing else waits, symbols in advance cost
+    /// nothing and save rounds. What has a deadline is given as many as the rounds left in time ask for.
+    fn round(&self, now: Stamp, missing: u32, Conditions { link, is_busy }: Conditions<'_>) -> u32 {
+        match self.object.service {
+            Service::Reliable if is_busy => missing,
+            Service::Reliable | Service::BestEffort => link.to_deliver(missing, SPARE_MARGIN),
+            Service::Latest { deadline } => {
+                let left = deadline.saturating_sub(now.since(self.offered));
+                let further = (link.further_rounds(left) as usize).min(MARGINS.len() - 1);
+                link.to_deliver(missing, MARGINS[further])
+            }
         }
     }
 
@@ -128,17 +164,16 @@ impl Transfer {
     }
 
     /// Begins anew, for a receiver that knows nothing of it.
-    pub(super) fn restart(&mut self, link: &LinkEstimate) {
+    pub(super) fn restart(&mut self, now: Stamp, conditions: Conditions<'_>) {
         self.next_symbol = 0;
-        self.to_send = link.to_deliver(self.source_symbols, margin(self.object.service));
+        self.to_send = self.round(now, self.source_symbols, conditions);
         self.acknowledged = false;
         self.announce_now = true;
         self.poll_interval = FIRST_POLL;
     }
 
     fn announcement_is_due(&self, now: Stamp) -> bool {
-        let unheard =
-            !self.acknowledged && self.symbols_since_announcement >= SYMBOLS_PER_ANNOUNCEMENT;
+        let unheard = !self.acknowledged && self.symbols_since_announcement >= self.announce_every;
         let asking = self.to_send == 0 && now >= self.poll_due;
         self.announce_now || unheard || asking
     }
@@ -152,28 +187,28 @@ impl Transfer {
         self.object.service == Service::BestEffort && self.to_send == 0
     }
 
-    /// The next message, the bytes of its frame, and how many symbols it carries.
-    pub(super) fn next_message(
-        &mut self,
-        now: Stamp,
-        link: &LinkEstimate,
-    ) -> (Message, usize, u64) {
+    /// The next message.
+    pub(super) fn next_message(&mut self, now: Stamp, link: &LinkEstimate) -> Outgoing {
         if self.announcement_is_due(now) {
-            let (message, bytes) = self.announce(now);
-            (message, bytes, 0)
+            self.announce(now)
         } else {
             let poll = self.poll_interval.max(link.patience() * 2);
-            (self.symbol(now, poll), SYMBOL_FRAME_BYTES, 1)
+            self.symbol(now, poll)
         }
     }
 
-    /// The announcement, and the bytes of its frame.
-    pub(super) fn announce(&mut self, now: Stamp) -> (Message, usize) {
+    /// Asks the receiver what it has, unless symbols are to be sent that make it tell.
+    pub(super) fn ask(&mut self) {
+        self.poll_interval = FIRST_POLL;
+        self.announce_now |= self.to_send == 0;
+    }
+
+    /// The announcement.
+    pub(super) fn announce(&mut self, now: Stamp) -> Outgoing {
         if self.to_send == 0 {
             self.poll_due = now + self.poll_interval;
             self.poll_interval = (self.poll_interval * 2).min(MAX_POLL);
         }
-        self.announcements += 1;
         self.announced = now;
         self.announce_now = false;
         self.symbols_since_announcement = 0;
@@ -197,27 +232,38 @@ impl Transfer {
             service: self.object.service.to_wire(),
             symbol_size: SYMBOL_BYTES as u8,
         });
-        (message, OBJECT_FRAME_BYTES)
+        Outgoing {
+            message,
+            wire_bytes: OBJECT_FRAME_BYTES,
+            symbol: None,
+        }
     }
 
-    fn symbol(&mut self, now: Stamp, poll: Duration) -> Message {
+    fn symbol(&mut self, now: Stamp, poll: Duration) -> Outgoing {
         let symbol = self.next_symbol;
-        self.next_symbol = if symbol == MAX_SYMBOL_ID {
-            0
-        } else {
-            symbol + 1
-        };
+        self.next_symbol = symbol.wrapping_add(1);
         self.to_send -= 1;
         self.symbols_since_announcement += 1;
         self.last_symbol = now;
         self.poll_due = now + poll;
-        Message::TANDEM_SYMBOL(TANDEM_SYMBOL_DATA {
-            transfer: self.number,
+        let data = self.fountain.symbol(&self.object.bytes, symbol);
+        // MAVLink 2 leaves zeros at the end out: most objects do not fill their last source symbol.
+        let length = data
+            .iter()
+            .rposition(|byte| *byte != 0)
+            .map_or(0, |last| last + 1);
+        let message = Message::TANDEM_SYMBOL(TANDEM_SYMBOL_DATA {
+            transfer: self.number as u16,
             symbol,
             target_system: self.to.system.0,
             target_component: self.to.component.0,
-            data: self.fountain.symbol(&self.object.bytes, symbol),
-        })
+            data,
+        });
+        Outgoing {
+            message,
+            wire_bytes: SYMBOL_FRAME_BYTES + length,
+            symbol: Some(symbol),
+        }
     }
 
     /// The receiver says in which state it is, and how many symbols it lacks.
@@ -225,17 +271,15 @@ impl Transfer {
         &mut self,
         now: Stamp,
         (state, missing): (TransferState, u16),
-        link: &mut LinkEstimate,
+        conditions: Conditions<'_>,
     ) -> Verdict {
-        let known = state != TransferState::Unknown;
-        if known && !self.acknowledged && self.announcements == 1 {
-            // Karn's rule: of an announcement that was repeated, nobody knows which one is answered.
-            link.round_trip_was(now.since(self.announced));
-        }
-        self.acknowledged |= known;
+        let link = conditions.link;
+        self.acknowledged |= state != TransferState::Unknown;
         self.poll_interval = FIRST_POLL;
         // Only then does the report count everything that was sent.
-        let all_arrived = self.to_send == 0 && now.since(self.last_symbol) >= link.patience();
+        let all_arrived = self.to_send == 0
+            && (link.has_passed(self.last_symbol)
+                || now.since(self.last_symbol) >= link.patience());
         if !all_arrived {
             self.poll_due = self.poll_due.max(now + link.patience());
         }
@@ -243,10 +287,9 @@ impl Transfer {
             TransferState::Complete => return Verdict::Delivered,
             TransferState::Refused => return Verdict::Refused,
             TransferState::Wanted if all_arrived => {
-                let margin = margin(self.object.service).max(1.0);
-                self.to_send = link.to_deliver(u32::from(missing).max(1), margin);
+                self.to_send = self.round(now, u32::from(missing).max(1), conditions);
             }
-            TransferState::Unknown if all_arrived => self.restart(link),
+            TransferState::Unknown if all_arrived => self.restart(now, conditions),
             TransferState::Unknown if now.since(self.announced) >= link.patience() => {
                 self.announce_now = true;
             }
@@ -255,7 +298,7 @@ impl Transfer {
                 if self.damaged > MAX_DAMAGED {
                     return Verdict::Refused;
                 }
-                self.restart(link);
+                self.restart(now, conditions);
             }
             TransferState::Wanted | TransferState::Unknown => {}
         }

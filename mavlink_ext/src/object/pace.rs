@@ -1,0 +1,460 @@
+//! How fast to send: as much as the link carries, with next to nothing waiting in its buffers, since commands wait there, too.
+//!
+//! The way of each echoed symbol tells how long it waited: the round trip less the shortest one. Where nothing waits, the
+//! pace grows; where something does, the growth of the waiting time tells what the link carries, whatever share it loses:
+//!
+//! ```text
+//! capacity = sent / (1 + d wait / d t)      over the last reports, as in trend-line estimators (Carlucci et al.,
+//!                                           Analysis and Design of the Google Congestion Control for WebRTC, 2016)
+//! pace     = capacity · (1 + (target − wait) / settling time)
+//! ```
+//!
+//! Loss says nothing about the pace: radios lose without being full. A radio that reports its own buffer
+//! (`RADIO_STATUS.txbuf`, <https://mavlink.io/en/messages/common.html#RADIO_STATUS>) is believed, too.
+
+use std::collections::VecDeque;
+use std::time::Duration;
+
+use maps::time::Stamp;
+
+use super::estimate::Echo;
+
+/// The budget that may be saved up, as a span of time.
+const BURST: Duration = Duration::from_millis(30);
+/// How long a symbol shall wait on the way, at least so long that the link never runs dry between two ticks.
+const TARGET: Duration = Duration::from_millis(12);
+/// The target on slow links, in frames.
+const TARGET_FRAMES: f64 = 1.0;
+const FRAME_BYTES: f64 = 266.0;
+/// The trend is taken over so long, or a round trip.
+const WINDOW: Duration = Duration::from_millis(300);
+/// Echoes kept for it.
+const MAX_ECHOES: usize = 256;
+/// What every symbol of so long had to wait is a queue; the rest is jitter.
+const STANDING: Duration = Duration::from_millis(100);
+/// The wait comes back to the target within this, or two round trips.
+const SETTLING: Duration = Duration::from_millis(250);
+/// Growth in a second where nothing waits. Before anything ever waited, the pace doubles each round trip.
+const GROWTH: f64 = 0.1;
+/// Growth in a second where little waits.
+const DOUBT: f64 = 0.03;
+/// The shortest round trip is forgotten after two to three times this: the vehicle moves, the radio finds another way.
+const BASE_SPAN: Duration = Duration::from_secs(10);
+/// The share of the pace that is kept while the buffers are emptied to see the shortest round trip.
+const DRAINING: f64 = 0.5;
+/// A queue gets shorter when less than this share of what the link carries is sent.
+const LITTLE: f64 = 0.85;
+/// If less than this share of what used to arrive arrives, buffers overflow.
+const OVERFLOWING: f64 = 0.7;
+/// The share that is lost on the air is averaged over this time.
+const AIR_MEMORY_S: f64 = 3.0;
+/// If it does not within this and two round trips, it may be none.
+const STUCK: Duration = Duration::from_secs(1);
+/// The slowest pace, in bytes per second: a symbol every other second.
+const SLOWEST: f64 = 133.0;
+/// The pace at the start, as a share of the budget.
+const FIRST: f64 = 0.25;
+/// After a radio said that its buffer fills, the pace does not grow for so long.
+const RADIO_MEMORY: Duration = Duration::from_secs(2);
+
+/// Lets bytes go at the pace that the link carries, up to a budget.
+#[derive(Clone, Debug)]
+pub(super) struct Pacer {
+    /// Bytes per second, as the operator allows.
+    ceiling: f64,
+    capacity: f64,
+    /// Bytes that may be sent now.
+    budget: f64,
+    refilled: Stamp,
+    /// Whether more could have been sent since the last echo.
+    limited: bool,
+    echoes: VecDeque<Echo>,
+    /// The shortest round trips of the last three spans, the newest first.
+    base: [Duration; 3],
+    base_since: Stamp,
+    /// How long symbols wait in the link's buffers.
+    wait: Duration,
+    has_waited: bool,
+    drain_until: Stamp,
+    /// Since when the wait does not fall although less is sent than the link carries.
+    stuck_since: Option<Stamp>,
+    /// Whether the buffers were emptied for that in vain.
+    drained: bool,
+    /// The share that the link loses when nothing waits.
+    air_loss: f64,
+    radio_full: Option<Stamp>,
+    round_trip: Duration,
+}
+
+impl Pacer {
+    pub(super) fn new(now: Stamp, bytes_per_second: u32) -> Self {
+        let ceiling = f64::from(bytes_per_second).max(SLOWEST);
+        Self {
+            ceiling,
+            capacity: (ceiling * FIRST).max(SLOWEST),
+            budget: 0.0,
+            refilled: now,
+            limited: false,
+            echoes: VecDeque::new(),
+            base: [Duration::MAX; 3],
+            base_since: now,
+            wait: Duration::ZERO,
+            has_waited: false,
+            drain_until: now,
+            stuck_since: None,
+            drained: false,
+            air_loss: 0.0,
+            radio_full: None,
+            round_trip: Duration::ZERO,
+        }
+    }
+
+    /// Bytes per second at present.
+    pub(super) fn rate(&self, now: Stamp) -> f64 {
+        let settling = SETTLING.max(self.round_trip * 2).as_secs_f64();
+        let correction = 1.0 + (self.target() - self.wait.as_secs_f64()) / settling;
+        let draining = if now < self.drain_until {
+            DRAINING
+        } else {
+            1.0
+        };
+        (self.capacity * correction.clamp(0.5, 1.25) * draining).clamp(SLOWEST, self.ceiling)
+    }
+
+    /// How long symbols wait in the link's buffers at present.
+    pub(super) fn wait(&self) -> Duration {
+        self.wait
+    }
+
+    fn target(&self) -> f64 {
+        (TARGET_FRAMES * FRAME_BYTES / self.capacity).max(TARGET.as_secs_f64())
+    }
+
+    /// Time has passed: more may be sent.
+    pub(super) fn refill(&mut self, now: Stamp) {
+        let rate = self.rate(now);
+        let earned = rate * now.since(self.refilled).as_secs_f64();
+        // Even a very slow link must be able to send one frame.
+        self.budget = (self.budget + earned).min((rate * BURST.as_secs_f64()).max(1.0));
+        self.refilled = now;
+    }
+
+    /// Whether anything may be sent now.
+    pub(super) fn allows(&self) -> bool {
+        self.budget > 0.0
+    }
+
+    /// Bytes are sent.
+    pub(super) fn spend(&mut self, bytes: usize) {
+        self.budget -= bytes as f64;
+    }
+
+    /// There was more to send than allowed.
+    pub(super) fn ran_out(&mut self) {
+        self.limited = true;
+    }
+
+    /// A symbol has arrived.
+    pub(super) fn echoed(&mut self, now: Stamp, echo: Echo, round_trip: Duration) {
+        self.round_trip = round_trip;
+        let since_last =
+            (self.echoes.back()).map_or(Duration::ZERO, |last| echo.sent.at.since(last.sent.at));
+        self.echoes.push_back(echo);
+        let window = WINDOW.max(round_trip);
+        let is_old = |oldest: &Echo| echo.sent.at.since(oldest.sent.at) > window;
+        while self.echoes.len() > MAX_ECHOES || self.echoes.front().is_some_and(is_old) {
+            self.echoes.pop_front();
+        }
+        self.update_base(now, echo.round_trip);
+        let lately = |other: &&Echo| echo.sent.at.since(other.sent.at) <= STANDING;
+        let least = (self.echoes.iter().rev().take_while(lately))
+            .map(|echo| echo.round_trip)
+            .min();
+        self.wait = least.map_or(Duration::ZERO, |least| {
+            least.saturating_sub(self.shortest())
+        });
+        self.adapt(now, since_last);
+    }
+
+    fn shortest(&self) -> Duration {
+        self.base.into_iter().min().unwrap_or_default()
+    }
+
+    /// Remembers the shortest round trip; now and then the buffers are emptied, or it would never be seen again.
+    fn update_base(&mut self, now: Stamp, round_trip: Duration) {
+        if now.since(self.base_since) >= BASE_SPAN {
+            self.base_since = now;
+            self.base.rotate_right(1);
+            self.base[0] = Duration::MAX;
+            self.drain_until = now + (self.wait + TARGET).div_f64(1.0 - DRAINING);
+        }
+        self.base[0] = self.base[0].min(round_trip);
+    }
+
+    fn adapt(&mut self, now: Stamp, since_last: Duration) {
+        // After an outage, nobody knows.
+        let elapsed = since_last.min(WINDOW).as_secs_f64();
+        let waits = self.wait.as_secs_f64() > self.target() / 2.0;
+        let arrived = self.arrived();
+        if waits {
+            self.has_waited = true;
+            if let Some((sent, trend)) = self.trend() {
+                self.follow(now, (sent, trend, arrived), elapsed);
+            }
+            if self.limited && self.wait.as_secs_f64() < 2.0 * self.target() {
+                // It may be jitter: if it is a queue, the trend will tell.
+                self.capacity *= 1.0 + DOUBT * elapsed;
+            }
+            self.limited = false;
+            self.capacity = self.capacity.clamp(SLOWEST, self.ceiling);
+            return;
+        }
+        (self.stuck_since, self.drained) = (None, false);
+        self.air_loss += (1.0 - arrived - self.air_loss) * (elapsed / AIR_MEMORY_S).min(1.0);
+        if self.limited
+            && self
+                .radio_full
+                .is_none_or(|at| now.since(at) > RADIO_MEMORY)
+        {
+            self.capacity *= if self.has_waited {
+                1.0 + GROWTH * elapsed
+            } else {
+                2_f64.powf(elapsed / self.round_trip.max(BURST).as_secs_f64())
+            };
+        }
+        self.limited = false;
+        self.capacity = self.capacity.clamp(SLOWEST, self.ceiling);
+    }
+
+    /// Something waits: what is sent, how the wait changes, and what arrives tells what the link carries.
+    fn follow(&mut self, now: Stamp, (sent, trend, arrived): (f64, f64, f64), elapsed: f64) {
+        let weight = (elapsed / WINDOW.as_secs_f64()).min(1.0);
+        let passed = arrived / (1.0 - self.air_loss);
+        if passed < OVERFLOWING {
+            // The buffer is full, the wait cannot grow any more: what arrives is what the link carries.
+            self.stuck_since = None;
+            self.capacity += (sent * passed - self.capacity) * weight;
+        } else if sent > LITTLE * self.capacity || trend < -(1.0 - LITTLE) / 2.0 {
+            self.stuck_since = None;
+            let carried = sent / (1.0 + trend).max(0.1);
+            self.capacity += (carried - self.capacity) * weight;
+        } else {
+            self.stuck(now, sent);
+        }
+    }
+
+    /// A queue would get shorter now. Where it does not even if still less is sent, the way itself became longer.
+    fn stuck(&mut self, now: Stamp, sent: f64) {
+        let since = *self.stuck_since.get_or_insert(now);
+        if now.since(since) <= STUCK + self.round_trip * 2 {
+            return;
+        }
+        self.stuck_since = None;
+        if self.drained {
+            self.drained = false;
+            self.base = [self.shortest() + self.wait, Duration::MAX, Duration::MAX];
+            self.capacity = sent;
+        } else {
+            self.drained = true;
+            self.drain_until = now + STUCK;
+        }
+    }
+
+    /// Which share of the symbols sent lately has arrived.
+    fn arrived(&self) -> f64 {
+        let (Some(first), Some(last)) = (self.echoes.front(), self.echoes.back()) else {
+            return 1.0;
+        };
+        let sent = last.sent.symbols - first.sent.symbols;
+        let received = last.received.wrapping_sub(first.received);
+        if sent == 0 {
+            return 1.0;
+        }
+        (f64::from(received) / sent as f64).clamp(0.05, 1.0)
+    }
+
+    /// Bytes sent per second lately, and by how much the wait grows meanwhile; `None` if too little was seen.
+    fn trend(&self) -> Option<(f64, f64)> {
+        let (first, last) = (self.echoes.front()?, self.echoes.back()?);
+        let span = last.sent.at.since(first.sent.at);
+        if self.echoes.len() < 4 || span < WINDOW / 2 {
+            return None;
+        }
+        let sent = (last.sent.bytes - first.sent.bytes) as f64 / span.as_secs_f64();
+        let points = self.echoes.iter().map(|echo| {
+            let at = echo.sent.at.since(first.sent.at);
+            (at.as_secs_f64(), echo.round_trip.as_secs_f64())
+        });
+        Some((sent, slope(points)?))
+    }
+
+    /// A radio on our side says which share of its buffer is free, in percent.
+    pub(super) fn radio_has_room(&mut self, now: Stamp, percent: u8) {
+        // The thresholds are those of ArduPilot, which slows its streams down in the same way.
+        let factor = match percent {
+            0..20 => 0.7,
+            20..50 => 0.9,
+            _ => return,
+        };
+        self.radio_full = Some(now);
+        self.has_waited = true;
+        self.capacity = (self.capacity * factor).max(SLOWEST);
+    }
+}
+
+/// Of the straight line that fits best; `None` without two different abscissas.
+fn slope(points: impl Iterator<Item = (f64, f64)> + Clone) -> Option<f64> {
+    let n = points.clone().count() as f64;
+    let (x, y) = points
+        .clone()
+        .fold((0.0, 0.0), |(x, y), p| (x + p.0 / n, y + p.1 / n));
+    let (xx, xy) = points.fold((0.0, 0.0), |(xx, xy), p| {
+        (xx + (p.0 - x).powi(2), xy + (p.0 - x) * (p.1 - y))
+    });
+    (xx > 0.0).then(|| xy / xx)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::object::estimate::Sent;
+
+    const STEP: Duration = Duration::from_millis(10);
+
+    /// A link with a buffer of half a second that carries `carries` bytes per second, both ways together take `delay`.
+    struct Pipe {
+        now: Stamp,
+        pacer: Pacer,
+        carries: f64,
+        delay: Duration,
+        queue: f64,
+        sent: u64,
+        received: u32,
+        under_way: VecDeque<(Stamp, Echo)>,
+    }
+
+    impl Pipe {
+        fn new(allowed: u32, carries: f64, delay_ms: u64) -> Self {
+            Self {
+                now: Stamp::ZERO,
+                pacer: Pacer::new(Stamp::ZERO, allowed),
+                carries,
+                delay: Duration::from_millis(delay_ms),
+                queue: 0.0,
+                sent: 0,
+                received: 0,
+                under_way: VecDeque::new(),
+            }
+        }
+
+        /// Always has something to send. The mean rate that gets through, and the longest wait, in seconds.
+        fn run(&mut self, seconds: u64) -> (f64, f64) {
+            let (mut carried, mut longest) = (0.0, 0.0_f64);
+            for _ in 0..seconds * 100 {
+                self.now += STEP;
+                self.pacer.refill(self.now);
+                let leaves = (self.carries * STEP.as_secs_f64()).min(self.queue);
+                self.queue -= leaves;
+                carried += leaves;
+                let mut taken = None;
+                while self.pacer.allows() {
+                    self.pacer.spend(266);
+                    self.sent += 266;
+                    if self.queue + 266.0 > (self.carries / 2.0).max(600.0) {
+                        continue; // The buffer is full.
+                    }
+                    self.queue += 266.0;
+                    self.received += 1;
+                    taken = Some(Sent {
+                        at: self.now,
+                        symbols: self.sent / 266,
+                        bytes: self.sent,
+                    });
+                }
+                self.pacer.ran_out();
+                let wait = Duration::from_secs_f64(self.queue / self.carries);
+                longest = longest.max(wait.as_secs_f64());
+                if let Some(sent) = taken {
+                    let round_trip = self.delay + wait;
+                    let received = self.received;
+                    let echo = Echo {
+                        sent,
+                        round_trip,
+                        received,
+                    };
+                    self.under_way.push_back((self.now + round_trip, echo));
+                }
+                while let Some(&(arrives, echo)) = self.under_way.front()
+                    && arrives <= self.now
+                {
+                    self.under_way.pop_front();
+                    self.pacer.echoed(self.now, echo, echo.round_trip);
+                }
+            }
+            (carried / seconds as f64, longest)
+        }
+    }
+
+    #[test]
+    fn a_link_within_the_budget_is_filled_and_its_buffer_stays_empty() {
+        for (carries, delay_ms) in [(14_400.0, 0), (125_000.0, 200), (1.25e6, 400), (3.5e6, 20)] {
+            let mut pipe = Pipe::new(carries as u32 * 10 / 9, carries, delay_ms);
+            pipe.run(10);
+            let (carried, longest) = pipe.run(60);
+            assert!(
+                carried > 0.97 * carries,
+                "{carried} of {carries} at {delay_ms} ms"
+            );
+            let most = 0.07 + 3.0 * 266.0 / carries;
+            assert!(longest < most, "{longest} s at {carries} and {delay_ms} ms");
+        }
+    }
+
+    #[test]
+    fn a_budget_far_above_the_link_is_corrected() {
+        let mut pipe = Pipe::new(3_500_000, 125_000.0, 100);
+        pipe.run(15);
+        let (carried, longest) = pipe.run(60);
+        assert!(carried > 0.95 * 125_000.0, "{carried}");
+        assert!(longest < 0.1, "{longest}");
+    }
+
+    #[test]
+    fn a_link_that_gets_worse_and_better_is_followed() {
+        let mut pipe = Pipe::new(2_000_000, 1.25e6, 100);
+        pipe.run(10);
+        pipe.carries = 300_000.0;
+        pipe.run(5);
+        let (carried, longest) = pipe.run(20);
+        assert!(carried > 285_000.0, "{carried}");
+        assert!(longest < 0.06, "{longest}");
+        pipe.carries = 1.25e6;
+        pipe.run(20);
+        let (carried, _) = pipe.run(10);
+        assert!(carried > 1.15e6, "{carried}");
+    }
+
+    #[test]
+    fn a_way_that_became_longer_is_not_taken_for_a_queue_for_ever() {
+        let mut pipe = Pipe::new(100_000, 125_000.0, 50);
+        pipe.run(10);
+        pipe.delay = Duration::from_millis(250);
+        pipe.run(40);
+        let (carried, _) = pipe.run(10);
+        assert!(carried > 95_000.0, "{carried}");
+    }
+
+    #[test]
+    fn a_radio_whose_buffer_fills_slows_the_pace() {
+        let mut pacer = Pacer::new(Stamp::ZERO, 100_000);
+        let before = pacer.rate(Stamp::ZERO);
+        pacer.radio_has_room(Stamp::ZERO, 95);
+        assert!(pacer.rate(Stamp::ZERO) >= before);
+        pacer.radio_has_room(Stamp::ZERO, 10);
+        assert!(pacer.rate(Stamp::ZERO) < 0.75 * before);
+        for _ in 0..1000 {
+            pacer.radio_has_room(Stamp::ZERO, 0);
+        }
+        assert!(pacer.rate(Stamp::ZERO) >= SLOWEST / 2.0);
+    }
+}
