@@ -12,11 +12,13 @@ use std::time::Duration;
 
 use maps::time::Stamp;
 use mavlink_ext::convert::odometry_message;
-use mavlink_ext::dialect::tandem::{MavSeverity, STATUSTEXT_DATA};
-use mavlink_ext::dialect::{MessageExt as _, TANDEM_IDS, char_array, cmd};
+use mavlink_ext::dialect::tandem::MavSeverity;
+use mavlink_ext::dialect::{MessageExt as _, TANDEM_IDS, cmd};
 use mavlink_ext::presence::{Presence, PresenceEvent, companion_heartbeat};
+use mavlink_ext::repeat::{Reception, Repeater};
 use mavlink_ext::router::{LinkId as RouteId, LinkKind, Router};
 use mavlink_ext::service::Ends;
+use mavlink_ext::statustext::Speaker;
 use mavlink_ext::timesync::Timesync;
 use mavlink_ext::{Address, ComponentId, Encoder, Message, RawFrame, command};
 use slam::State;
@@ -45,6 +47,13 @@ pub struct Companion {
     autopilot: Address,
     outbox: Outbox,
     router: Router,
+    /// How the ground link is, and the copies of commands that it gets.
+    reception: Reception,
+    ground_loss: f64,
+    /// Whether the last frame from there was a copy.
+    ground_copied: bool,
+    repeater: Repeater,
+    speaker: Speaker,
     presence: Presence,
     timesync: Timesync,
     commands: command::Client,
@@ -112,6 +121,11 @@ impl Companion {
             autopilot,
             outbox: Outbox::new(own),
             router: router(settings),
+            reception: Reception::new(),
+            ground_loss: 0.0,
+            ground_copied: false,
+            repeater: Repeater::new(),
+            speaker: Speaker::new(),
             presence: Presence::new(own, companion_heartbeat()),
             timesync: Timesync::new(Ends {
                 own,
@@ -138,7 +152,29 @@ impl Companion {
 
     /// What to do about `event`, which happened at `now`.
     pub fn step(&mut self, now: Stamp, event: Event, mut act: impl FnMut(Action)) {
-        let act: &mut dyn FnMut(Action) = &mut act;
+        for copy in self.repeater.tick(now) {
+            act(Action::Send(LinkId::Ground, copy));
+        }
+        let from_ground = match &event {
+            Event::Received(LinkId::Ground, frame) => Some(frame.clone()),
+            _ => None,
+        };
+        let mut repeater = std::mem::take(&mut self.repeater);
+        let act: &mut dyn FnMut(Action) = &mut |action| {
+            if let Action::Send(LinkId::Ground, frame) = &action {
+                repeater.sent(now, frame);
+            }
+            act(action);
+        };
+        self.react(now, event, act);
+        repeater.set_loss(self.ground_loss);
+        if let Some(frame) = from_ground {
+            repeater.heard(now, &frame, self.ground_copied);
+        }
+        self.repeater = repeater;
+    }
+
+    fn react(&mut self, now: Stamp, event: Event, act: &mut dyn FnMut(Action)) {
         match event {
             Event::Received(link, frame) => self.receive(now, link, &frame, act),
             Event::FrameDone(done) => self.frame_done(now, &done, act),
@@ -166,6 +202,10 @@ impl Companion {
                 act(Action::Send(onward, frame.clone()));
             }
         }
+        if link == LinkId::Ground {
+            self.ground_copied = route.is_copy;
+            self.hear_ground(frame);
+        }
         if !route.is_for_us {
             return;
         }
@@ -191,6 +231,14 @@ impl Companion {
             && let Some(incoming) = command::Incoming::parse(self.own, from, &message)
         {
             self.obey(now, link, &incoming, act);
+        }
+    }
+
+    /// A frame came from the ground, perhaps a copy. Who speaks Tandem's dialect drops copies: only then are there any.
+    fn hear_ground(&mut self, frame: &RawFrame) {
+        self.reception.heard(frame);
+        if TANDEM_IDS.contains(&frame.message_id()) {
+            self.ground_loss = self.reception.loss().unwrap_or(0.0);
         }
     }
 
@@ -307,24 +355,16 @@ impl Companion {
         }
     }
 
-    /// Tells the operator, and the log. At most 50 characters reach the operator.
+    /// Tells the operator, and the log.
     fn tell(&mut self, severity: Severity, text: &'static str, act: &mut dyn FnMut(Action)) {
-        let told = format!("companion: {text}");
-        debug_assert!(
-            told.len() <= 50,
-            "{told:?} does not fit into one STATUSTEXT"
-        );
-        let message = Message::STATUSTEXT(STATUSTEXT_DATA {
-            severity: match severity {
-                Severity::Error => MavSeverity::MAV_SEVERITY_ERROR,
-                Severity::Warning => MavSeverity::MAV_SEVERITY_WARNING,
-                Severity::Info => MavSeverity::MAV_SEVERITY_INFO,
-            },
-            text: char_array(&told),
-            id: 0,
-            chunk_seq: 0,
-        });
-        self.outbox.send(LinkId::Ground, &message, act);
+        let level = match severity {
+            Severity::Error => MavSeverity::MAV_SEVERITY_ERROR,
+            Severity::Warning => MavSeverity::MAV_SEVERITY_WARNING,
+            Severity::Info => MavSeverity::MAV_SEVERITY_INFO,
+        };
+        for message in self.speaker.say(level, &format!("companion: {text}")) {
+            self.outbox.send(LinkId::Ground, &message, act);
+        }
         act(Action::Log(severity, text.to_owned()));
     }
 

@@ -8,6 +8,7 @@
 
 mod alerts;
 mod companions;
+mod copies;
 mod orders;
 mod planning;
 mod telemetry;
@@ -21,6 +22,7 @@ use maps::time::Stamp;
 use mavlink_ext::dialect::tandem::{HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavState, MavType};
 use mavlink_ext::link::LinkStats;
 use mavlink_ext::object::{Receiver, ReceiverLimits};
+use mavlink_ext::statustext::Listener;
 use mavlink_ext::{Address, ComponentId, Encoder, Message, RawFrame, SystemId};
 
 use crate::command::Command;
@@ -88,6 +90,8 @@ pub struct Station {
     model: Model,
     own: Address,
     encoder: Encoder,
+    copies: copies::Copies,
+    texts: Listener,
     heartbeat_at: Option<Stamp>,
     rates_at: Stamp,
     conversations: orders::Conversations,
@@ -120,6 +124,8 @@ impl Station {
             model,
             own,
             encoder: Encoder::new(own),
+            copies: copies::Copies::default(),
+            texts: Listener::new(),
             heartbeat_at: None,
             rates_at: Stamp::ZERO,
             conversations: orders::Conversations::default(),
@@ -176,11 +182,15 @@ impl Station {
         if self.model.source == Source::Replay {
             return;
         }
+        for (link, frame) in self.copies.due(now) {
+            act(Action::Send { link, frame });
+        }
         for message in outbox {
             let frame = self.encoder.encode(&message);
             let link = frame
                 .target()
                 .and_then(|target| self.link_to(target.system));
+            self.copies.sent(now, link, &frame);
             act(Action::Send { link, frame });
         }
     }
@@ -201,6 +211,9 @@ impl Station {
         let from = frame.from();
         // Our own frames come back in a recording, or through a router.
         if from == self.own {
+            return;
+        }
+        if !self.copies.is_new(now, link, frame) {
             return;
         }
         // A message with a value that this program does not know is none of its business.
@@ -275,6 +288,9 @@ impl Station {
         self.tick_orders(outbox);
         self.tick_transfers(outbox);
         self.tick_companions(outbox);
+        for text in self.texts.tick(now) {
+            self.hear_text(now, &text);
+        }
         self.model.map.tick(now);
         self.judge();
     }

@@ -4,8 +4,8 @@
 //! understands; those for all go to every other link, those for one address to the link where it was heard. In
 //! addition:
 //!
-//! - An address belongs to the link where it is heard; the same address on another link a moment later is an echo, and
-//!   is dropped. So are our own frames. Therefore no ring of routers lets a frame circle.
+//! - A frame that comes again, over another link or as a copy, is dropped, and so are our own. Therefore no ring of routers
+//!   lets a frame circle, and two links to the same place are as good as the better one at any moment.
 //! - Tandem's own messages never go to a flight controller: its router would drop them, after they filled its link.
 
 use std::collections::BTreeMap;
@@ -14,10 +14,11 @@ use std::time::Duration;
 use maps::time::Stamp;
 
 use crate::dialect::TANDEM_IDS;
+use crate::repeat::Duplicates;
 use crate::wire::{Address, RawFrame};
 
-/// An address that was silent on its link for so long may move to another.
-const SETTLED_FOR: Duration = Duration::from_secs(3);
+/// An address that was not heard on a link for so long, but on another since, has left it.
+const LEFT_AFTER: Duration = Duration::from_secs(3);
 /// Addresses remembered; the one silent for longest makes room.
 const MAX_ROUTES: usize = 1024;
 
@@ -41,20 +42,20 @@ pub struct Route {
     pub is_for_us: bool,
     /// Links it goes out on.
     pub forward: Vec<LinkId>,
+    /// Whether this very frame was heard before: then it goes nowhere.
+    pub is_copy: bool,
 }
 
-#[derive(Clone, Copy, Debug)]
-struct Home {
-    link: LinkId,
-    last_heard: Stamp,
-}
+/// When an address was last heard on each link.
+type Heard = BTreeMap<LinkId, Stamp>;
 
 /// Knows the links, and learns who is where.
 #[derive(Clone, Debug)]
 pub struct Router {
     own: Address,
     links: BTreeMap<LinkId, LinkKind>,
-    homes: BTreeMap<Address, Home>,
+    heard: BTreeMap<Address, Heard>,
+    duplicates: Duplicates,
 }
 
 impl Router {
@@ -63,7 +64,8 @@ impl Router {
         Self {
             own,
             links: BTreeMap::new(),
-            homes: BTreeMap::new(),
+            heard: BTreeMap::new(),
+            duplicates: Duplicates::new(),
         }
     }
 
@@ -72,19 +74,26 @@ impl Router {
         self.links.insert(link, kind);
     }
 
-    /// The link on which an address was heard.
+    /// The link on which an address was heard last.
     pub fn link_of(&self, address: Address) -> Option<LinkId> {
-        self.homes.get(&address).map(|home| home.link)
+        let heard = self.heard.get(&address)?;
+        heard
+            .iter()
+            .max_by_key(|(_, at)| **at)
+            .map(|(link, _)| *link)
     }
 
     /// What to do with a frame that came in on a link.
     pub fn route(&mut self, now: Stamp, from_link: LinkId, frame: &RawFrame) -> Route {
-        if frame.from() == self.own || !self.learn(now, from_link, frame.from()) {
+        let is_copy = !self.duplicates.is_new(now, frame);
+        if is_copy || frame.from() == self.own {
             return Route {
                 is_for_us: false,
                 forward: Vec::new(),
+                is_copy,
             };
         }
+        self.learn(now, from_link, frame.from());
         let is_for_us = frame
             .target()
             .is_none_or(|target| self.own.is_addressed_by(target));
@@ -94,7 +103,11 @@ impl Router {
             self.links_for(frame)
         };
         forward.retain(|link| *link != from_link);
-        Route { is_for_us, forward }
+        Route {
+            is_for_us,
+            forward,
+            is_copy,
+        }
     }
 
     /// Links that a frame of our own goes out on.
@@ -102,35 +115,26 @@ impl Router {
         self.links_for(frame)
     }
 
-    /// Notes where an address is; `false` if this is an echo.
-    fn learn(&mut self, now: Stamp, link: LinkId, address: Address) -> bool {
-        if let Some(home) = self.homes.get_mut(&address) {
-            if home.link != link && now.since(home.last_heard) < SETTLED_FOR {
-                return false;
-            }
-            *home = Home {
-                link,
-                last_heard: now,
-            };
-            return true;
-        }
-        if self.homes.len() >= MAX_ROUTES {
-            let silent_longest = self.homes.iter().min_by_key(|(_, home)| home.last_heard);
+    /// Notes where an address is.
+    fn learn(&mut self, now: Stamp, link: LinkId, address: Address) {
+        if !self.heard.contains_key(&address) && self.heard.len() >= MAX_ROUTES {
+            let last = |heard: &Heard| heard.values().max().copied();
+            let silent_longest = self.heard.iter().min_by_key(|(_, heard)| last(heard));
             if let Some(forgotten) = silent_longest.map(|(address, _)| *address) {
-                self.homes.remove(&forgotten);
+                self.heard.remove(&forgotten);
             }
         }
-        let last_heard = now;
-        self.homes.insert(address, Home { link, last_heard });
-        true
+        let heard = self.heard.entry(address).or_default();
+        heard.insert(link, now);
+        heard.retain(|_, at| now.since(*at) < LEFT_AFTER);
     }
 
     fn links_for(&self, frame: &RawFrame) -> Vec<LinkId> {
         let is_tandem = TANDEM_IDS.contains(&frame.message_id());
         let takes = |kind: LinkKind| !(is_tandem && kind == LinkKind::Autopilot);
         let heard_there = |link: LinkId, target: Address| {
-            let mut homes = self.homes.iter();
-            homes.any(|(address, home)| home.link == link && address.is_addressed_by(target))
+            let mut heard = self.heard.iter();
+            heard.any(|(address, on)| on.contains_key(&link) && address.is_addressed_by(target))
         };
         self.links
             .iter()
@@ -171,8 +175,15 @@ mod tests {
         Encoder::new(from).encode(&Message::HEARTBEAT(HEARTBEAT_DATA::default()))
     }
 
+    /// Each has another sequence number: one that comes twice is a copy.
     fn command(from: Address, target: Address) -> RawFrame {
-        Encoder::new(from).encode(&Message::COMMAND_LONG(COMMAND_LONG_DATA {
+        static NUMBER: std::sync::atomic::AtomicU8 = std::sync::atomic::AtomicU8::new(0);
+        let number = NUMBER.fetch_add(1, std::sync::atomic::Ordering::Relaxed);
+        let mut encoder = Encoder::new(from);
+        for _ in 0..number {
+            encoder.encode(&Message::HEARTBEAT(HEARTBEAT_DATA::default()));
+        }
+        encoder.encode(&Message::COMMAND_LONG(COMMAND_LONG_DATA {
             target_system: target.system.0,
             target_component: target.component.0,
             ..COMMAND_LONG_DATA::default()
@@ -231,12 +242,40 @@ mod tests {
         let mut router = router();
         let dropped = (false, vec![]);
         assert_eq!(route(&mut router, GROUND, &heartbeat(OWN)), dropped);
-        router.route(Stamp::ZERO, AUTOPILOT, &heartbeat(COPTER));
-        assert_eq!(route(&mut router, GROUND, &heartbeat(COPTER)), dropped);
-        let later = Stamp::ZERO + SETTLED_FOR;
-        let moved = router.route(later, GROUND, &heartbeat(COPTER));
+        let mut encoder = Encoder::new(COPTER);
+        let mut next = || encoder.encode(&Message::HEARTBEAT(HEARTBEAT_DATA::default()));
+        let first = next();
+        router.route(Stamp::ZERO, AUTOPILOT, &first);
+        assert_eq!(route(&mut router, GROUND, &first), dropped);
+        assert_eq!(
+            router.link_of(COPTER),
+            Some(AUTOPILOT),
+            "nothing is learned from it"
+        );
+        let later = Stamp::ZERO + LEFT_AFTER;
+        let moved = router.route(later, GROUND, &next());
         assert_eq!(moved.forward, [AUTOPILOT, OTHER], "it was moved");
         assert_eq!(router.link_of(COPTER), Some(GROUND));
+        let to_copter = command(OWN, COPTER);
+        assert_eq!(router.route_own(&to_copter), [GROUND]);
+    }
+
+    #[test]
+    fn two_links_to_one_place_are_as_good_as_the_better_one() {
+        let mut router = router();
+        let mut encoder = Encoder::new(STATION);
+        let mut taken = 0;
+        for number in 0..100_u64 {
+            let frame = encoder.encode(&Message::HEARTBEAT(HEARTBEAT_DATA::default()));
+            let now = Stamp::ZERO + Duration::from_millis(10 * number);
+            for (link, is_lost) in [(GROUND, number % 2 == 0), (OTHER, number % 3 == 0)] {
+                if !is_lost {
+                    taken += u32::from(router.route(now, link, &frame).is_for_us);
+                }
+            }
+        }
+        assert_eq!(taken, 83, "all but those lost on both, each once");
+        assert_eq!(router.route_own(&command(OWN, STATION)), [GROUND, OTHER]);
     }
 
     #[test]
@@ -247,6 +286,6 @@ mod tests {
                 router.learn(Stamp::ZERO, GROUND, Address::new(system, component));
             }
         }
-        assert_eq!(router.homes.len(), MAX_ROUTES);
+        assert_eq!(router.heard.len(), MAX_ROUTES);
     }
 }

@@ -5,7 +5,8 @@ use maps::tile::TileId;
 use maps::voxel::{MapDigest, Rgb, VoxelMap};
 use mavlink_ext::dialect::tandem::{
     COMMAND_LONG_DATA, GPS_RAW_INT_DATA, HEARTBEAT_DATA, HOME_POSITION_DATA, MavAutopilot,
-    MavResult, MavType, PARAM_REQUEST_LIST_DATA, TANDEM_ORIGIN_DATA, TIMESYNC_DATA,
+    MavResult, MavType, PARAM_REQUEST_LIST_DATA, TANDEM_ORIGIN_DATA, TANDEM_REPORT_DATA,
+    TIMESYNC_DATA,
 };
 use mavlink_ext::object::{Receiver, ReceiverLimits};
 use nalgebra::{Isometry3, Matrix6};
@@ -266,6 +267,43 @@ fn check_command(command: u16, param1: f32, component: u8, expected: Option<MavR
             "{answers:?}"
         );
     }
+}
+
+#[test]
+fn on_a_ground_link_that_loses_a_command_is_obeyed_once_and_acknowledged_several_times() {
+    let mut bench = Bench::new(|_| ());
+    for number in 0..100 {
+        let report = Message::TANDEM_REPORT(TANDEM_REPORT_DATA::default());
+        if number % 5 == 0 {
+            bench.station.encode(&report); // Lost.
+        } else {
+            bench.hear_station(number, &report);
+        }
+    }
+    bench.sent.clear();
+    let command = bench.hear_station(
+        1000,
+        &Message::COMMAND_LONG(COMMAND_LONG_DATA {
+            command: 31_010,
+            target_system: OWN.system.0,
+            target_component: OWN.component.0,
+            ..COMMAND_LONG_DATA::default()
+        }),
+    );
+    bench.step(1050, Event::Tick);
+    bench.step(1060, Event::Received(LinkId::Ground, command));
+    bench.step(1070, Event::Tick);
+    let acks = bench.sent.iter().map(|(_, frame)| frame);
+    let acks: Vec<&RawFrame> = acks.filter(|frame| frame.message_id() == 77).collect();
+    assert_eq!(
+        acks.len(),
+        1 + 4 + 1,
+        "at once, four copies, and one for the copy that came"
+    );
+    assert!(
+        acks.iter().all(|ack| *ack == acks[0]),
+        "the same frame: obeyed once"
+    );
 }
 
 #[test]

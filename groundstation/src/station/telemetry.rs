@@ -8,9 +8,10 @@ use mavlink_ext::convert;
 use mavlink_ext::dialect::tandem::{
     BATTERY_STATUS_DATA, COMMAND_LONG_DATA, EXTENDED_SYS_STATE_DATA, GLOBAL_POSITION_INT_DATA,
     GPS_RAW_INT_DATA, HEARTBEAT_DATA, MISSION_CURRENT_DATA, MavAutopilot, MavLandedState,
-    MavModeFlag, MissionState, STATUSTEXT_DATA, SYS_STATUS_DATA,
+    MavModeFlag, MissionState, SYS_STATUS_DATA,
 };
 use mavlink_ext::dialect::{MessageData as _, cmd, tandem};
+use mavlink_ext::statustext::Text;
 use mavlink_ext::{Address, Message, SystemId};
 
 use super::{Heard, Outbox, Station};
@@ -96,7 +97,11 @@ impl Station {
             Message::MISSION_ITEM_REACHED(reached) => {
                 self.hear_reached(now, from.system, reached.seq);
             }
-            Message::STATUSTEXT(text) => self.hear_text(now, from.system, text),
+            Message::STATUSTEXT(piece) => {
+                if let Some(text) = self.texts.hear(now, from, piece) {
+                    self.hear_text(now, &text);
+                }
+            }
             _ => {}
         }
     }
@@ -268,9 +273,11 @@ impl Station {
         vehicle.mission = Some(Timed::new(progress, now));
     }
 
-    fn hear_text(&mut self, now: Stamp, id: SystemId, text: &STATUSTEXT_DATA) {
+    /// Somebody says something; a long text comes in pieces.
+    pub(super) fn hear_text(&mut self, now: Stamp, text: &Text) {
         let severity = Severity::from_number(text.severity as u8);
-        let words = readable(text.text.as_ref());
+        let id = text.from.system;
+        let words = text.words.trim().to_owned();
         if words.is_empty() {
             return;
         }
@@ -301,21 +308,6 @@ fn vehicle_restarted(current: &MISSION_CURRENT_DATA) -> bool {
         current.mission_state,
         MissionState::MISSION_STATE_ACTIVE | MissionState::MISSION_STATE_NOT_STARTED
     )
-}
-
-/// The text up to its first zero; what is no UTF-8 is replaced, control characters are left out.
-fn readable(text: &[u8]) -> String {
-    let end = text
-        .iter()
-        .position(|byte| *byte == 0)
-        .unwrap_or(text.len());
-    let words = String::from_utf8_lossy(&text[..end]);
-    words
-        .chars()
-        .filter(|c| !c.is_control())
-        .collect::<String>()
-        .trim()
-        .to_owned()
 }
 
 /// Whether a vehicle has no home yet: its height above home is then that above mean sea level. Up to 5 m it does not matter.

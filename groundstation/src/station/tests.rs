@@ -1,5 +1,6 @@
 //! The station in simulated time, against vehicles made of messages.
 
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use maps::frame::{Isometry, Point};
@@ -36,6 +37,7 @@ const ORIGIN_E7: [i32; 2] = [473_977_420, 85_455_940];
 struct Bench {
     station: Station,
     now: Stamp,
+    encoders: BTreeMap<Address, Encoder>,
     sent: Vec<Message>,
     jobs: Vec<Job>,
 }
@@ -46,6 +48,7 @@ impl Bench {
         Self {
             station,
             now: Stamp::ZERO,
+            encoders: BTreeMap::new(),
             sent: Vec::new(),
             jobs: Vec::new(),
         }
@@ -66,7 +69,10 @@ impl Bench {
     }
 
     fn hear(&mut self, from: Address, message: &Message) {
-        let frame = Encoder::new(from).encode(message);
+        let encoder = self.encoders.entry(from);
+        let frame = encoder
+            .or_insert_with(|| Encoder::new(from))
+            .encode(message);
         self.feed(Event::Frame { link: 0, frame });
     }
 

@@ -1,0 +1,370 @@
+//! Commands over a link that loses: sent several times, heard once.
+//!
+//! A command that is lost costs its sender a timeout of more than a second. It is small, so that on a link that loses a
+//! share `p` of the frames it goes `n` times within a few dozen milliseconds, such that `pⁿ ≤` [`ALL_LOST`]; so does its
+//! acknowledgement. Bursts of losses may be longer: an unanswered command goes on with pauses that grow, and each copy that comes
+//! is acknowledged once more. The copies are the same frame, byte for byte, and the other end drops all but the first: it must be
+//! one of Tandem's programs. Nothing that MAVLink says of commands changes, nor who counts `confirmation`.
+//!
+//! - [`Reception`] tells the loss of one direction from the sequence numbers of what comes. Radios lose much the same both ways.
+//! - [`Repeater`] sends copies, [`Duplicates`] drops them; also those of a frame that came over two links.
+
+use std::collections::{BTreeMap, HashSet, VecDeque};
+use std::hash::{BuildHasher as _, BuildHasherDefault, DefaultHasher};
+use std::time::Duration;
+
+use maps::time::Stamp;
+
+use crate::wire::{Address, RawFrame};
+
+/// Copies are sent until all are lost with this probability at most.
+const ALL_LOST: f64 = 0.001;
+/// No frame is sent more often, however bad the link is.
+const MAX_COPIES: u32 = 8;
+/// Less loss than this is none.
+const LEAST_LOSS: f64 = 0.005;
+/// Time from one copy to the next: bursts of losses are short.
+const SPACING: Duration = Duration::from_millis(5);
+/// Further copies of a command that is not acknowledged, in milliseconds: until it is repeated as MAVLink says.
+const LATE_MS: [u64; 8] = [60, 90, 135, 200, 300, 450, 680, 1000];
+/// Acknowledgements kept for copies of their commands.
+const MAX_ANSWERS: usize = 32;
+/// Copies that wait at most: far more than an operator's commands make.
+const MAX_WAITING: usize = 256;
+/// A copy of a command, and of what else an answer is waited for, is recognised within this time.
+const REMEMBERED: Duration = Duration::from_secs(3);
+/// A copy of another frame. Shorter than the time between two heartbeats: some senders do not count their frames.
+const REMEMBERED_BRIEFLY: Duration = Duration::from_millis(500);
+/// Frames remembered at most, of each kind.
+const MAX_REMEMBERED: usize = 1 << 14;
+/// Half of the weight of what was received is gone after so many frames.
+const MEMORY_FRAMES: f64 = 200.0;
+/// Fewer frames than this say nothing about loss.
+const MIN_FRAMES: f64 = 20.0;
+/// Senders whose sequence is followed.
+const MAX_SENDERS: usize = 64;
+
+/// Whether an answer is waited for: commands, missions and parameters, and what answers them.
+fn is_awaited(frame: &RawFrame) -> bool {
+    matches!(
+        frame.message_id(),
+        // SET_MODE; parameters; missions; commands
+        11 | 20..=23 | 39..=47 | 51 | 73 | 75..=77 | 80
+    )
+}
+
+/// Sends copies of what an answer is waited for.
+#[derive(Clone, Debug, Default)]
+pub struct Repeater {
+    loss: f64,
+    /// What goes next, and when; by time.
+    waiting: BTreeMap<(Stamp, u64), RawFrame>,
+    counted: u64,
+    /// Our last acknowledgements, the newest last.
+    answers: VecDeque<RawFrame>,
+}
+
+const COMMAND_INT: u32 = 75;
+const COMMAND_LONG: u32 = 76;
+const COMMAND_ACK: u32 = 77;
+
+/// Which command a frame is about; MAVLink 2 leaves zeros at the end out.
+fn command_in(frame: &RawFrame) -> Option<u16> {
+    let offset = match frame.message_id() {
+        COMMAND_INT | COMMAND_LONG => 28,
+        COMMAND_ACK => 0,
+        _ => return None,
+    };
+    let at = |place: usize| frame.payload().get(place).copied().unwrap_or(0);
+    Some(u16::from_le_bytes([at(offset), at(offset + 1)]))
+}
+
+impl Repeater {
+    /// Nothing waits, and the link is taken for good.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// The share of frames that the link loses, 0 to 1.
+    pub fn set_loss(&mut self, share: f64) {
+        self.loss = share;
+    }
+
+    /// A frame was sent: its copies, if it gets any, will come from [`Self::tick`].
+    pub fn sent(&mut self, now: Stamp, frame: &RawFrame) {
+        if !is_awaited(frame) || self.loss < LEAST_LOSS {
+            return;
+        }
+        let times = (ALL_LOST.ln() / self.loss.min(0.9).ln()).ceil() as u32;
+        for copy in 1..times.min(MAX_COPIES) {
+            self.wait(now + SPACING * copy, frame);
+        }
+        match frame.message_id() {
+            COMMAND_INT | COMMAND_LONG => {
+                for after in LATE_MS {
+                    self.wait(now + Duration::from_millis(after), frame);
+                }
+            }
+            COMMAND_ACK => {
+                if self.answers.len() >= MAX_ANSWERS {
+                    self.answers.pop_front();
+                }
+                self.answers.push_back(frame.clone());
+            }
+            _ => {}
+        }
+    }
+
+    fn wait(&mut self, until: Stamp, frame: &RawFrame) {
+        if self.waiting.len() < MAX_WAITING {
+            self.counted += 1;
+            self.waiting.insert((until, self.counted), frame.clone());
+        }
+    }
+
+    /// A frame came, perhaps a copy of one that came before. An acknowledgement ends the copies of its command; a copy of a
+    /// command that we have acknowledged is acknowledged again, by another copy.
+    pub fn heard(&mut self, now: Stamp, frame: &RawFrame, is_copy: bool) {
+        let Some(command) = command_in(frame) else {
+            return;
+        };
+        let is_answer = |ack: &RawFrame| ack.message_id() == COMMAND_ACK;
+        if is_answer(frame) {
+            self.waiting
+                .retain(|_, waits| is_answer(waits) || command_in(waits) != Some(command));
+        } else if is_copy {
+            let is_ours = |ack: &&RawFrame| command_in(ack) == Some(command);
+            let under_way = |ack: &RawFrame| self.waiting.values().any(|waits| waits == ack);
+            let answer = self.answers.iter().rev().find(is_ours);
+            if let Some(answer) = answer.filter(|ack| !under_way(ack)).cloned() {
+                self.wait(now, &answer);
+            }
+        }
+    }
+
+    /// Copies whose time has come.
+    pub fn tick(&mut self, now: Stamp) -> Vec<RawFrame> {
+        let later = self.waiting.split_off(&(now, u64::MAX));
+        std::mem::replace(&mut self.waiting, later)
+            .into_values()
+            .collect()
+    }
+
+    /// When the next copy is to be sent.
+    pub fn due(&self) -> Option<Stamp> {
+        self.waiting.keys().next().map(|(at, _)| *at)
+    }
+}
+
+/// Recognises frames that came before.
+#[derive(Clone, Debug, Default)]
+pub struct Duplicates {
+    awaited: Memory,
+    others: Memory,
+}
+
+impl Duplicates {
+    /// Nothing came before.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// Whether this very frame is heard for the first time within half a second; 3 s if an answer to it is waited for.
+    pub fn is_new(&mut self, now: Stamp, frame: &RawFrame) -> bool {
+        if is_awaited(frame) {
+            self.awaited.is_new(now, REMEMBERED, frame)
+        } else {
+            self.others.is_new(now, REMEMBERED_BRIEFLY, frame)
+        }
+    }
+}
+
+#[derive(Clone, Debug, Default)]
+struct Memory {
+    hasher: BuildHasherDefault<DefaultHasher>,
+    known: HashSet<u64>,
+    order: VecDeque<(Stamp, u64)>,
+}
+
+impl Memory {
+    fn is_new(&mut self, now: Stamp, remembered: Duration, frame: &RawFrame) -> bool {
+        let is_old = |at: Stamp| now.since(at) > remembered;
+        while self.order.len() >= MAX_REMEMBERED
+            || self.order.front().is_some_and(|(at, _)| is_old(*at))
+        {
+            if let Some((_, hash)) = self.order.pop_front() {
+                self.known.remove(&hash);
+            }
+        }
+        let hash = self.hasher.hash_one(frame.bytes());
+        let is_new = self.known.insert(hash);
+        if is_new {
+            self.order.push_back((now, hash));
+        }
+        is_new
+    }
+}
+
+/// Which share of the frames sent to us is lost.
+#[derive(Clone, Debug, Default)]
+pub struct Reception {
+    /// The last sequence number of each sender.
+    last: BTreeMap<Address, u8>,
+    /// Frames that came, and that did not, decaying.
+    came: f64,
+    missing: f64,
+}
+
+impl Reception {
+    /// Nothing has come yet.
+    pub fn new() -> Self {
+        Self::default()
+    }
+
+    /// A frame came. A copy of the last one says nothing.
+    pub fn heard(&mut self, frame: &RawFrame) {
+        let from = frame.from();
+        if !self.last.contains_key(&from) && self.last.len() >= MAX_SENDERS {
+            return;
+        }
+        let step = match self.last.get(&from) {
+            Some(last) => frame.sequence().wrapping_sub(*last),
+            None => 1,
+        };
+        let keep = 0.5_f64.powf(1.0 / MEMORY_FRAMES);
+        match step {
+            0 => {}
+            1..=128 => {
+                self.last.insert(from, frame.sequence());
+                self.came = self.came * keep + 1.0;
+                self.missing = self.missing * keep + f64::from(step - 1);
+            }
+            // It was overtaken, and taken for lost.
+            _ => {
+                self.came = self.came * keep + 1.0;
+                self.missing = (self.missing * keep - 1.0).max(0.0);
+            }
+        }
+    }
+
+    /// The share of frames lost lately, 0 to 1; `None` before enough came.
+    pub fn loss(&self) -> Option<f64> {
+        (self.came >= MIN_FRAMES).then(|| self.missing / (self.came + self.missing))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dialect::Message;
+    use crate::dialect::tandem::{COMMAND_ACK_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA};
+    use crate::wire::Encoder;
+
+    const STATION: Address = Address::new(255, 190);
+
+    fn at(millis: u64) -> Stamp {
+        Stamp::ZERO + Duration::from_millis(millis)
+    }
+
+    fn command(encoder: &mut Encoder) -> RawFrame {
+        encoder.encode(&Message::COMMAND_LONG(COMMAND_LONG_DATA::default()))
+    }
+
+    fn heartbeat(encoder: &mut Encoder) -> RawFrame {
+        encoder.encode(&Message::HEARTBEAT(HEARTBEAT_DATA::default()))
+    }
+
+    #[test]
+    fn a_command_goes_as_often_as_the_loss_asks_for() {
+        let mut encoder = Encoder::new(STATION);
+        for (loss, copies) in [(0.0, 0), (0.05, 2), (0.2, 4), (0.3, 5), (1.0, 7)] {
+            let mut repeater = Repeater::new();
+            repeater.set_loss(loss);
+            let frame = command(&mut encoder);
+            repeater.sent(at(0), &frame);
+            repeater.sent(at(0), &heartbeat(&mut encoder));
+            assert!(repeater.tick(at(4)).is_empty(), "not at once");
+            let sent: Vec<RawFrame> = (5..60).flat_map(|ms| repeater.tick(at(ms))).collect();
+            assert_eq!(sent, vec![frame; copies], "at a loss of {loss}");
+        }
+    }
+
+    #[test]
+    fn copies_end_with_the_acknowledgement_which_is_repeated_for_each_that_still_comes() {
+        let mut station = Repeater::new();
+        station.set_loss(0.2);
+        let sent = command(&mut Encoder::new(STATION));
+        station.sent(at(0), &sent);
+        let early: Vec<RawFrame> = (1..60).flat_map(|ms| station.tick(at(ms))).collect();
+        assert_eq!(early.len(), 4);
+        assert_eq!(station.tick(at(60)).len(), 1, "nothing was heard");
+
+        let mut uav = Repeater::new();
+        uav.set_loss(0.2);
+        let ack = Message::COMMAND_ACK(COMMAND_ACK_DATA::default());
+        let ack = Encoder::new(Address::new(1, 191)).encode(&ack);
+        uav.heard(at(90), &sent, false);
+        uav.sent(at(90), &ack);
+        assert_eq!(uav.tick(at(110)).len(), 4);
+        uav.heard(at(160), &sent, true);
+        uav.heard(at(160), &sent, true);
+        assert_eq!(uav.tick(at(160)), std::slice::from_ref(&ack));
+
+        station.heard(at(170), &ack, false);
+        assert_eq!(station.due(), None);
+    }
+
+    #[test]
+    fn copies_are_dropped_and_a_repeated_command_is_not() {
+        let mut encoder = Encoder::new(STATION);
+        let mut duplicates = Duplicates::new();
+        let first = command(&mut encoder);
+        let again = command(&mut encoder);
+        assert!(duplicates.is_new(at(0), &first));
+        assert!(!duplicates.is_new(at(5), &first));
+        assert!(duplicates.is_new(at(10), &again), "another sequence number");
+        assert!(!duplicates.is_new(at(3000), &first));
+        assert!(duplicates.is_new(at(3002), &first), "forgotten by now");
+    }
+
+    #[test]
+    fn a_flood_of_frames_and_commands_is_bounded() {
+        let mut duplicates = Duplicates::new();
+        let mut reception = Reception::new();
+        let mut repeater = Repeater::new();
+        repeater.set_loss(0.3);
+        for sender in 0..40_000_u32 {
+            let [system, component, ..] = sender.to_le_bytes();
+            let frame = command(&mut Encoder::new(Address::new(system, component)));
+            duplicates.is_new(at(0), &frame);
+            reception.heard(&frame);
+            repeater.sent(at(0), &frame);
+        }
+        let Memory { known, order, .. } = &duplicates.awaited;
+        assert_eq!((known.len(), order.len()), (MAX_REMEMBERED, MAX_REMEMBERED));
+        assert_eq!(reception.last.len(), MAX_SENDERS);
+        assert_eq!(repeater.waiting.len(), MAX_WAITING);
+    }
+
+    #[test]
+    fn loss_is_read_from_sequence_numbers_also_where_frames_overtake() {
+        let mut encoder = Encoder::new(STATION);
+        let mut reception = Reception::new();
+        assert_eq!(reception.loss(), None);
+        let frames: Vec<RawFrame> = (0..3000).map(|_| heartbeat(&mut encoder)).collect();
+        for (number, pair) in frames.chunks(2).enumerate() {
+            if number % 5 == 0 {
+                reception.heard(&pair[1]); // The other is lost: one frame in ten.
+            } else if number % 5 == 2 {
+                reception.heard(&pair[1]);
+                reception.heard(&pair[0]);
+            } else {
+                for frame in pair {
+                    reception.heard(frame);
+                }
+            }
+        }
+        let loss = reception.loss().expect("enough came");
+        assert!((loss - 0.1).abs() < 0.02, "{loss}");
+    }
+}
