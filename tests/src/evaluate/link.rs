@@ -1,27 +1,38 @@
 //! The object transport over bad links, in simulated time.
 //!
 //! A UAV sends more map tiles than the link carries, BEV frames and telemetry; the ground station sends commands. The
-//! emulator of [`sitl::link`] lies between them. Each case is run with 0, 100 and 200 ms of delay one way, and the worst
-//! of the three is reported:
+//! emulator of [`sitl::link`] lies between them. For 40 s tiles and BEV frames share the link, then tiles have it for
+//! themselves. Each case is run with 0, 100 and 200 ms of delay one way, and the worst of the three is reported:
 //!
-//! - `goodput_share`: bytes of tiles delivered in 40 s, as a share of `rate × (1 − loss)` less the bytes of the BEV frames delivered,
+//! - `goodput_share`: bytes of tiles delivered without BEV frames beside them, as a share of `rate × (1 − loss)`,
+//! - `shared_goodput`: the same of tiles and BEV frames together while they share the link,
 //! - `bev_in_time`: share of BEV frames delivered within [`BEV_DEADLINE`],
 //! - `bev_age_p99_ms`: how old 99 of 100 delivered BEV frames are at most, `bev_age_p50_ms` the median,
 //! - `command_p99_ms`: from a command to its acknowledgement, less twice the delay one way; left out of the figures where more
 //!   than one in a hundred is never answered, which `commands_answered` tells,
 //! - `catch_up_s`: after 30 s in which nothing passes, until the tiles that changed meanwhile are there (five seconds' worth of
 //!   the link) and nothing waits,
-//! - `bytes_per_tile`: of frames sent in both directions for each tile delivered; BEV frames, telemetry and commands count, too.
+//! - `bytes_per_tile`: of frames sent in both directions for each tile delivered without BEV frames beside it; telemetry and commands count, too.
+//!
+//! Side by side with it, `<rate>/<loss>/resend/<metric>` and `<rate>/<loss>/blind/<metric>` are what [`resend`], the way of
+//! MAVLink FTP, and [`blind`], that of MAVLink's picture transmission, make of the same bytes on the same link.
 
+mod blind;
+mod resend;
 mod tandem;
 mod team;
 
+use std::sync::mpsc;
 use std::time::Duration;
 
+use rayon::prelude::*;
 use sitl::link::{Loss, Profile};
 
 use super::{Figures, Outcome, Request, Table};
-use team::Measured;
+use blind::Blind;
+use resend::Resend;
+use tandem::Tandem;
+use team::Run;
 
 /// A BEV frame that is older is worthless.
 const BEV_DEADLINE: Duration = Duration::from_millis(500);
@@ -68,8 +79,9 @@ impl Case {
 }
 
 /// The metrics, and whether more is worse.
-const METRICS: [(&str, bool); 8] = [
+const METRICS: [(&str, bool); 9] = [
     ("goodput_share", false),
+    ("shared_goodput", false),
     ("bev_in_time", false),
     ("bev_age_p50_ms", true),
     ("bev_age_p99_ms", true),
@@ -79,61 +91,65 @@ const METRICS: [(&str, bool); 8] = [
     ("bytes_per_tile", true),
 ];
 
+/// Ways to bring objects over, ours first; its figures have no name of their own.
+const METHODS: [&str; 3] = ["tandem", "resend", "blind"];
+
+/// One rate with one kind of loss.
+struct Cell {
+    name: String,
+    cases: Vec<Case>,
+}
+
+/// Of each method, the figures for each delay.
+type Rows = [Vec<[f64; METRICS.len()]>; METHODS.len()];
+
 /// Runs every case.
 pub(super) fn run(request: &mut Request<'_>) -> anyhow::Result<Outcome> {
-    let seed = request.seed.unwrap_or(SEED);
+    let cells = cells(request.seed.unwrap_or(SEED));
+    let (done, results) = mpsc::sync_channel(cells.len());
+    let measured: Vec<(&Cell, Rows)> = std::thread::scope(|scope| {
+        let cells = &cells;
+        scope.spawn(move || {
+            cells.par_iter().enumerate().for_each(|(place, cell)| {
+                let _nobody_waits = done.send((place, cell, measure(cell)));
+            });
+        });
+        let mut measured: Vec<_> = results
+            .iter()
+            .inspect(|(_, cell, _)| (request.say)(&format!("{} done", cell.name)))
+            .collect();
+        measured.sort_by_key(|(place, ..)| *place);
+        measured
+            .into_iter()
+            .map(|(_, cell, rows)| (cell, rows))
+            .collect()
+    });
     let mut figures = Figures::default();
-    let header = ["", "delay"].into_iter().chain(METRICS.map(|m| m.0));
+    let header = ["", "", "delay"].into_iter().chain(METRICS.map(|m| m.0));
     let mut table = Table {
         title: "The object transport over bad links".to_owned(),
         header: header.map(str::to_owned).collect(),
         rows: Vec::new(),
     };
-    for (rate_name, bits, bev_hz, bev_bytes) in RATES {
-        for (loss_name, loss, bursty) in LOSSES {
-            let name = format!("{rate_name}/{loss_name}");
-            let mut worst = [f64::NAN; METRICS.len()];
-            for delay_ms in DELAYS_MS {
-                let delay = Duration::from_millis(delay_ms);
-                let losses = if bursty {
-                    Loss::Bursts {
-                        share: loss,
-                        length: BURST,
-                    }
+    for (cell, rows) in measured {
+        for (method, rows) in METHODS.into_iter().zip(rows) {
+            let named = rows.iter().zip(DELAYS_MS);
+            (table.rows)
+                .extend(named.map(|(row, delay)| table_row(&cell.name, method, delay, row)));
+            for (place, (metric, more_is_worse)) in METRICS.into_iter().enumerate() {
+                let of_metric = rows.iter().map(|row| row[place]);
+                let worst = if more_is_worse {
+                    of_metric.fold(f64::NEG_INFINITY, f64::max)
                 } else {
-                    Loss::Even(loss)
+                    of_metric.fold(f64::INFINITY, f64::min)
                 };
-                let case = Case {
-                    profile: Profile {
-                        loss: losses,
-                        jitter: Duration::from_millis(2),
-                        ..Profile::of_rate(bits, delay)
-                    },
-                    loss,
-                    bev_hz,
-                    bev_bytes,
-                    seed: seed + delay_ms,
-                };
-                let measured = team::run(&case, tandem::Tandem::new(&case));
-                let row = metrics(&case, &measured);
-                table.rows.push(table_row(&name, delay_ms, &row));
-                for ((worst, value), (_, more_is_worse)) in worst.iter_mut().zip(row).zip(METRICS) {
-                    let is_worse = if more_is_worse {
-                        value > *worst
-                    } else {
-                        value < *worst
-                    };
-                    if worst.is_nan() || is_worse {
-                        *worst = value;
-                    }
+                if worst.is_finite() {
+                    let ours = [cell.name.as_str(), metric];
+                    let theirs = [cell.name.as_str(), method, metric];
+                    let keys: &[&str] = if method == METHODS[0] { &ours } else { &theirs };
+                    figures.set(keys, worst)?;
                 }
             }
-            for ((metric, _), value) in METRICS.into_iter().zip(worst) {
-                if value.is_finite() {
-                    figures.set(&[&name, metric], value)?;
-                }
-            }
-            (request.say)(&format!("{name} done"));
         }
     }
     Ok(Outcome {
@@ -142,31 +158,78 @@ pub(super) fn run(request: &mut Request<'_>) -> anyhow::Result<Outcome> {
     })
 }
 
-fn table_row(name: &str, delay_ms: u64, row: &[f64]) -> Vec<String> {
+fn cells(seed: u64) -> Vec<Cell> {
+    let mut cells = Vec::new();
+    for (rate_name, bits, bev_hz, bev_bytes) in RATES {
+        for (loss_name, loss, bursty) in LOSSES {
+            let losses = if bursty {
+                Loss::Bursts {
+                    share: loss,
+                    length: BURST,
+                }
+            } else {
+                Loss::Even(loss)
+            };
+            let case = |delay_ms| Case {
+                profile: Profile {
+                    loss: losses,
+                    jitter: Duration::from_millis(2),
+                    ..Profile::of_rate(bits, Duration::from_millis(delay_ms))
+                },
+                loss,
+                bev_hz,
+                bev_bytes,
+                seed: seed + delay_ms,
+            };
+            cells.push(Cell {
+                name: format!("{rate_name}/{loss_name}"),
+                cases: DELAYS_MS.map(case).to_vec(),
+            });
+        }
+    }
+    cells
+}
+
+fn measure(cell: &Cell) -> Rows {
+    let of = |run: fn(&Case) -> Run| -> Vec<_> {
+        cell.cases
+            .iter()
+            .map(|case| metrics(case, &run(case)))
+            .collect()
+    };
+    [
+        of(|case| team::run(case, Tandem::new(case))),
+        of(|case| team::run(case, Resend::new(case))),
+        of(|case| team::run(case, Blind::new(case))),
+    ]
+}
+
+fn table_row(name: &str, method: &str, delay_ms: u64, row: &[f64]) -> Vec<String> {
     let cells = row.iter().map(|value| format!("{value:.3}"));
-    [name.to_owned(), format!("{delay_ms} ms")]
+    [name.to_owned(), method.to_owned(), format!("{delay_ms} ms")]
         .into_iter()
         .chain(cells)
         .collect()
 }
 
 /// The figures of one run, in the order of [`METRICS`].
-fn metrics(case: &Case, measured: &Measured) -> [f64; 8] {
-    let room = case.rate() * (1.0 - case.loss) * measured.saturated.as_secs_f64();
-    let of_bev = measured.bev_bytes as f64;
-    let answered = measured.commands.iter().flatten().count();
-    let age = |share: f64| percentile(&measured.bev_ages, share) * 1e3;
+fn metrics(case: &Case, run: &Run) -> [f64; METRICS.len()] {
+    let room = case.rate() * (1.0 - case.loss) * team::SATURATED.as_secs_f64();
+    let Run { shared, alone, .. } = run;
+    let commands: Vec<Option<Duration>> = [&shared.commands[..], &alone.commands[..]].concat();
+    let answered = commands.iter().flatten().count();
+    let (bev_ages, bev_in_time) = shared.bev();
+    let age = |share: f64| percentile(&bev_ages, share) * 1e3;
     [
-        measured.tile_bytes as f64 / (room - of_bev),
-        measured.bev_in_time as f64 / measured.bev_offered as f64,
+        alone.tile_bytes as f64 / room,
+        (shared.tile_bytes + shared.bev_bytes) as f64 / room,
+        bev_in_time,
         age(0.5),
         age(0.99),
-        percentile(&measured.commands, 0.99) * 1e3 - 2e3 * case.profile.delay.as_secs_f64(),
-        answered as f64 / measured.commands.len() as f64,
-        measured
-            .catch_up
-            .map_or(f64::INFINITY, |span| span.as_secs_f64()),
-        measured.wire_bytes as f64 / measured.tiles as f64,
+        percentile(&commands, 0.99) * 1e3 - 2e3 * case.profile.delay.as_secs_f64(),
+        answered as f64 / commands.len() as f64,
+        (run.catch_up).map_or(f64::INFINITY, |span| span.as_secs_f64()),
+        alone.wire_bytes as f64 / alone.tiles as f64,
     ]
 }
 

@@ -35,6 +35,14 @@ impl Transport for Tandem {
         let _full = self.sender.offer(now, object);
     }
 
+    fn waiting_bytes(&self, now: Stamp) -> usize {
+        self.sender.stats(now).bytes_pending
+    }
+
+    fn repeats_commands(&self) -> bool {
+        true
+    }
+
     fn tick_uav(&mut self, now: Stamp) -> Vec<Message> {
         self.sender.tick(now).send
     }

@@ -8,6 +8,7 @@ use mavlink_ext::command::{Client, Incoming, Request};
 use mavlink_ext::dialect::Message;
 use mavlink_ext::dialect::tandem::{GLOBAL_POSITION_INT_DATA, MavResult};
 use mavlink_ext::object::{Object, ObjectId, Service, StreamId};
+use mavlink_ext::repeat::{Duplicates, Reception, Repeater};
 use mavlink_ext::wire::{Address, Encoder, RawFrame};
 use rand::{Rng as _, RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64;
@@ -23,7 +24,7 @@ const STEP: Duration = Duration::from_millis(1);
 /// How often both ends let time pass.
 const TICK_MS: u64 = 10;
 const SETTLING: Duration = Duration::from_secs(5);
-const SATURATED: Duration = Duration::from_secs(40);
+pub(super) const SATURATED: Duration = Duration::from_secs(40);
 const OUTAGE: Duration = Duration::from_secs(30);
 /// Tiles that change during the outage, as a span of the link.
 const CHANGED: Duration = Duration::from_secs(5);
@@ -41,6 +42,12 @@ const TELEMETRY_EVERY_MS: u64 = 100;
 pub(super) trait Transport {
     /// Takes an object.
     fn offer(&mut self, now: Stamp, object: Object);
+    /// Bytes of objects that are not over yet.
+    fn waiting_bytes(&self, now: Stamp) -> usize;
+    /// Whether both ends repeat commands on a link that loses, and drop the copies.
+    fn repeats_commands(&self) -> bool {
+        false
+    }
     /// What the UAV sends when time passes.
     fn tick_uav(&mut self, now: Stamp) -> Vec<Message>;
     /// What it answers.
@@ -51,37 +58,107 @@ pub(super) trait Transport {
     fn at_ground(&mut self, now: Stamp, message: &Message) -> (Vec<Message>, Vec<ObjectId>);
 }
 
-/// What a run has shown.
+/// What was seen while the link was saturated.
 #[derive(Debug, Default)]
 pub(super) struct Measured {
-    /// How long the link was saturated and watched.
-    pub(super) saturated: Duration,
     pub(super) tiles: u64,
     pub(super) tile_bytes: u64,
+    /// Of frames in both directions.
     pub(super) wire_bytes: u64,
-    pub(super) bev_offered: u64,
-    pub(super) bev_in_time: u64,
-    /// Bytes of those delivered.
+    /// Bytes of BEV frames delivered.
     pub(super) bev_bytes: u64,
-    /// Of those delivered.
-    pub(super) bev_ages: Vec<Option<Duration>>,
+    /// Of each BEV frame offered, when, and its age at delivery.
+    bev: BTreeMap<ObjectId, (Stamp, Option<Duration>)>,
     /// From each command to its acknowledgement.
     pub(super) commands: Vec<Option<Duration>>,
+}
+
+impl Measured {
+    /// The ages of the BEV frames delivered, and which share of them all came before their deadline.
+    pub(super) fn bev(&self) -> (Vec<Option<Duration>>, f64) {
+        let ages: Vec<Option<Duration>> = self.bev.values().map(|(_, age)| *age).collect();
+        let in_time = ages.iter().flatten().filter(|age| **age <= BEV_DEADLINE);
+        let share = in_time.count() as f64 / ages.len() as f64;
+        (ages.into_iter().flatten().map(Some).collect(), share)
+    }
+}
+
+/// What a run has shown.
+#[derive(Debug)]
+pub(super) struct Run {
+    /// Tiles share the link with BEV frames.
+    pub(super) shared: Measured,
+    /// Tiles have it for themselves.
+    pub(super) alone: Measured,
     pub(super) catch_up: Option<Duration>,
 }
 
 /// Runs a case with a transport.
-pub(super) fn run(case: &Case, transport: impl Transport) -> Measured {
+pub(super) fn run(case: &Case, transport: impl Transport) -> Run {
     let mut team = Team::new(case, transport);
-    team.saturate(SETTLING);
-    team.measured = Measured::default();
-    let before = team.sent_bytes();
-    team.saturate(SATURATED);
-    team.measured.saturated = SATURATED;
-    team.measured.wire_bytes = team.sent_bytes() - before;
-    let mut measured = std::mem::take(&mut team.measured);
-    measured.catch_up = team.catch_up();
-    measured
+    let shared = team.measure();
+    team.sends_bev = false;
+    Run {
+        shared,
+        alone: team.measure(),
+        catch_up: team.catch_up(),
+    }
+}
+
+/// One end of the link, outside of the transport.
+struct End {
+    encoder: Encoder,
+    channel: Channel<RawFrame>,
+    repeats: bool,
+    repeater: Repeater,
+    duplicates: Duplicates,
+    reception: Reception,
+}
+
+impl End {
+    fn new(address: Address, channel: Channel<RawFrame>, repeats: bool) -> Self {
+        Self {
+            encoder: Encoder::new(address),
+            channel,
+            repeats,
+            repeater: Repeater::new(),
+            duplicates: Duplicates::new(),
+            reception: Reception::new(),
+        }
+    }
+
+    fn send(&mut self, now: Stamp, messages: impl IntoIterator<Item = Message>) {
+        for message in messages {
+            let frame = self.encoder.encode(&message);
+            if self.repeats {
+                self.repeater.sent(now, &frame);
+            }
+            self.put(now, frame);
+        }
+    }
+
+    fn repeat(&mut self, now: Stamp) {
+        for frame in self.repeater.tick(now) {
+            self.put(now, frame);
+        }
+    }
+
+    fn put(&mut self, now: Stamp, frame: RawFrame) {
+        let bytes = frame.bytes().len();
+        self.channel.send(now, frame, bytes);
+    }
+
+    /// The message in a frame that came; `None` if it is a copy.
+    fn heard(&mut self, now: Stamp, frame: &RawFrame) -> Option<Message> {
+        let is_copy = !self.duplicates.is_new(now, frame);
+        self.repeater.heard(now, frame, is_copy);
+        if is_copy {
+            return None;
+        }
+        self.reception.heard(frame);
+        self.repeater.set_loss(self.reception.loss().unwrap_or(0.0));
+        frame.decode().ok()
+    }
 }
 
 struct Team<'a, T> {
@@ -89,10 +166,8 @@ struct Team<'a, T> {
     transport: T,
     now: Stamp,
     step: u64,
-    there: Channel<RawFrame>,
-    back: Channel<RawFrame>,
-    uav: Encoder,
-    ground: Encoder,
+    uav: End,
+    ground: End,
     commands: Client,
     /// When each command under way was begun, by its number.
     commanded: BTreeMap<u16, Stamp>,
@@ -109,16 +184,15 @@ struct Team<'a, T> {
 
 impl<'a, T: Transport> Team<'a, T> {
     fn new(case: &'a Case, transport: T) -> Self {
-        let profile = case.profile.clone();
+        let repeats = transport.repeats_commands();
+        let channel = |seed| Channel::new(case.profile.clone(), seed);
         Self {
             case,
             transport,
             now: Stamp::ZERO,
             step: 0,
-            there: Channel::new(profile.clone(), case.seed),
-            back: Channel::new(profile, case.seed + 1),
-            uav: Encoder::new(UAV),
-            ground: Encoder::new(GROUND),
+            uav: End::new(UAV, channel(case.seed), repeats),
+            ground: End::new(GROUND, channel(case.seed + 1), repeats),
             commands: Client::new(GROUND),
             commanded: BTreeMap::new(),
             next_command: 0,
@@ -132,7 +206,22 @@ impl<'a, T: Transport> Team<'a, T> {
     }
 
     fn sent_bytes(&self) -> u64 {
-        self.there.stats().sent_bytes + self.back.stats().sent_bytes
+        self.uav.channel.stats().sent_bytes + self.ground.channel.stats().sent_bytes
+    }
+
+    /// Lets the link settle, and watches it for [`SATURATED`].
+    fn measure(&mut self) -> Measured {
+        self.saturate(SETTLING);
+        self.measured = Measured::default();
+        let before = self.sent_bytes();
+        self.saturate(SATURATED);
+        self.measured.wire_bytes = self.sent_bytes() - before;
+        let now = self.now;
+        let mut measured = std::mem::take(&mut self.measured);
+        // Of those offered last, nobody knows yet.
+        let is_over = |offered: Stamp| now.since(offered) > BEV_DEADLINE;
+        measured.bev.retain(|_, (offered, _)| is_over(*offered));
+        measured
     }
 
     /// Always has more tiles to send than the link carries.
@@ -141,8 +230,9 @@ impl<'a, T: Transport> Team<'a, T> {
         let backlog = (self.case.rate() * BACKLOG.as_secs_f64()) as usize;
         while self.now < end {
             if self.step.is_multiple_of(TICK_MS) {
-                while self.pending < backlog {
-                    self.offer_tile();
+                let mut waiting = self.transport.waiting_bytes(self.now);
+                while waiting < backlog {
+                    waiting += self.offer_tile();
                 }
             }
             self.advance();
@@ -151,14 +241,13 @@ impl<'a, T: Transport> Team<'a, T> {
 
     /// How long it takes after an outage until nothing waits; `None` if it takes too long.
     fn catch_up(&mut self) -> Option<Duration> {
-        self.sends_bev = false;
         self.drain()?;
         let outage = Outage {
             from: self.now,
             span: OUTAGE,
         };
-        self.there.fail(outage);
-        self.back.fail(outage);
+        self.uav.channel.fail(outage);
+        self.ground.channel.fail(outage);
         let mut left = self.case.rate() * CHANGED.as_secs_f64();
         while self.now < outage.from + OUTAGE {
             if left > 0.0 && self.step.is_multiple_of(TICK_MS) {
@@ -203,7 +292,7 @@ impl<'a, T: Transport> Team<'a, T> {
             version: self.next_key,
         };
         let deadline = BEV_DEADLINE;
-        self.measured.bev_offered += 1;
+        self.measured.bev.insert(id, (self.now, None));
         self.offer(id, Service::Latest { deadline }, self.case.bev_bytes);
     }
 
@@ -238,10 +327,12 @@ impl<'a, T: Transport> Team<'a, T> {
             self.send_back(again.send);
             self.ended(&again.events);
         }
-        for frame in self.there.arrived(now) {
+        self.uav.repeat(now);
+        self.ground.repeat(now);
+        for frame in self.uav.channel.arrived(now) {
             self.at_ground(&frame);
         }
-        for frame in self.back.arrived(now) {
+        for frame in self.ground.channel.arrived(now) {
             self.at_uav(&frame);
         }
     }
@@ -268,7 +359,7 @@ impl<'a, T: Transport> Team<'a, T> {
     }
 
     fn at_uav(&mut self, frame: &RawFrame) {
-        let Ok(message) = frame.decode() else {
+        let Some(message) = self.uav.heard(self.now, frame) else {
             return;
         };
         if let Some(command) = Incoming::parse(UAV, frame.from(), &message) {
@@ -279,7 +370,7 @@ impl<'a, T: Transport> Team<'a, T> {
     }
 
     fn at_ground(&mut self, frame: &RawFrame) {
-        let Ok(message) = frame.decode() else {
+        let Some(message) = self.ground.heard(self.now, frame) else {
             return;
         };
         let step = self.commands.handle(self.now, frame.from(), &message);
@@ -292,9 +383,10 @@ impl<'a, T: Transport> Team<'a, T> {
             };
             let age = self.now.since(offered);
             if id.stream == StreamId::BEV {
-                self.measured.bev_in_time += u64::from(age <= BEV_DEADLINE);
                 self.measured.bev_bytes += bytes as u64;
-                self.measured.bev_ages.push(Some(age));
+                if let Some((_, delivered)) = self.measured.bev.get_mut(&id) {
+                    *delivered = Some(age);
+                }
             } else {
                 self.pending -= bytes;
                 self.measured.tiles += 1;
@@ -304,18 +396,10 @@ impl<'a, T: Transport> Team<'a, T> {
     }
 
     fn send_there(&mut self, messages: impl IntoIterator<Item = Message>) {
-        for message in messages {
-            let frame = self.uav.encode(&message);
-            let bytes = frame.bytes().len();
-            self.there.send(self.now, frame, bytes);
-        }
+        self.uav.send(self.now, messages);
     }
 
     fn send_back(&mut self, messages: impl IntoIterator<Item = Message>) {
-        for message in messages {
-            let frame = self.ground.encode(&message);
-            let bytes = frame.bytes().len();
-            self.back.send(self.now, frame, bytes);
-        }
+        self.ground.send(self.now, messages);
     }
 }
