@@ -3,7 +3,7 @@
 use std::collections::BTreeSet;
 use std::fmt;
 use std::fs;
-use std::net::{SocketAddr, ToSocketAddrs as _};
+use std::net::{SocketAddr, ToSocketAddrs};
 use std::path::Path;
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::time::Duration;
@@ -219,16 +219,22 @@ fn check_links(settings: &Settings, clock: Clock, listen: Duration) -> Vec<Check
         (settings.autopilot.is_none() || autopilot.autopilots.contains(&own_autopilot))
             && (settings.ground.is_none() || !ground.ground_stations.is_empty())
     });
+    // A cable that is not plugged in, or a peer that takes no connections.
+    let problem = |link: &Link, uri: &LinkUri| {
+        let problem = link.problem()?;
+        Some(Finding::Failed(format!("{uri}: {problem}")))
+    };
     let autopilot = match (autopilot, &settings.autopilot) {
         (Some(Err(error)), _) => Finding::Failed(error),
-        (Some(Ok(_)), Some(uri)) => {
+        (Some(Ok(link)), Some(uri)) => problem(&link, uri).unwrap_or_else(|| {
             judge_autopilot(&by_autopilot, own_autopilot, &uri.to_string(), listen)
-        }
+        }),
         _ => Finding::Note("no link configured: nothing is told where the vehicle is".into()),
     };
     let ground = match (ground, &settings.ground) {
         (Some(Err(error)), _) => Finding::Failed(error),
-        (Some(Ok(_)), Some(uri)) => judge_ground(&by_ground, &uri.to_string(), listen),
+        (Some(Ok(link)), Some(uri)) => problem(&link, uri)
+            .unwrap_or_else(|| judge_ground(&by_ground, &uri.to_string(), listen)),
         _ => {
             Finding::Failed("no link configured: the map would go nowhere; set links.ground".into())
         }
@@ -351,11 +357,17 @@ fn check_dialect_path(settings: &Settings) -> Check {
 /// Whether two links have an address in common, however it is written. What has no address is told by the link's own check.
 fn lead_to_one_place(a: &LinkUri, b: &LinkUri) -> bool {
     let addresses = |uri: &LinkUri| -> Vec<SocketAddr> {
-        let found = uri.host_and_port().to_socket_addrs();
-        found.map(Iterator::collect).unwrap_or_default()
+        let found = uri.host_and_port().map(ToSocketAddrs::to_socket_addrs);
+        found
+            .and_then(Result::ok)
+            .map_or(Vec::new(), Iterator::collect)
     };
-    let b = addresses(b);
-    addresses(a).iter().any(|address| b.contains(address))
+    let is_serial = |uri: &LinkUri| uri.host_and_port().is_none();
+    let b_addresses = addresses(b);
+    (is_serial(a) && a == b)
+        || addresses(a)
+            .iter()
+            .any(|address| b_addresses.contains(address))
 }
 
 /// Where the map lies on the earth decides where the ground vehicle drives.

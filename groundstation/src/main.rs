@@ -22,7 +22,7 @@ const PATIENCE: Duration = Duration::from_millis(20);
 #[derive(Debug, Parser)]
 #[command(version)]
 struct Arguments {
-    /// Link to open, udpin:HOST:PORT or udpout:HOST:PORT; may be given several times
+    /// Link to open, such as udpin:0.0.0.0:14550, tcpout:HOST:PORT or serial:DEVICE:BAUD; may be given several times
     #[arg(long, value_name = "URI")]
     connect: Vec<String>,
     /// Recording (.tlog) to replay; nothing can be commanded then

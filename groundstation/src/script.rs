@@ -33,7 +33,7 @@ pub const HELP: &str = "\
 Every command may end in `timeout SECONDS`. Places are metres east and north of the map's origin,
 headings degrees clockwise from north, N the system id of a vehicle.
   wait SECONDS                         let time pass
-  connect URI                          open a link: udpin:HOST:PORT or udpout:HOST:PORT
+  connect URI                          open a link: udpin:, udpout:, tcpin: or tcpout:HOST:PORT, serial:DEVICE:BAUD
   screenshot NAME                      write NAME.png into the folder of --screenshot
   quit                                 end with success; a headless run also ends after its last line
   wait-for vehicle N                   its autopilot's heartbeat is heard

@@ -375,7 +375,8 @@ impl Faults {
             parsed.is_some(),
             key,
             &format!("\"{uri}\""),
-            "udpin:HOST:PORT, udpout:HOST:PORT, or nothing for no link",
+            "udpin:HOST:PORT, udpout:HOST:PORT, udpbcast:ADDRESS:PORT, tcpin:HOST:PORT, tcpout:HOST:PORT, \
+             serial:DEVICE:BAUD, or nothing for no link",
         );
         parsed
     }

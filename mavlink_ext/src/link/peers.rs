@@ -18,11 +18,13 @@ struct Peer {
     addresses: BTreeSet<Address>,
 }
 
-/// The peers of one socket. Times are spans since it was opened.
+/// The peers of one link. Times are spans since it was opened.
 pub(super) struct Peers {
     /// The one peer of a link that sends to a given place.
     fixed: Option<SocketAddr>,
-    peers: BTreeMap<SocketAddr, Peer>,
+    /// Where to send as long as nobody was heard.
+    called: Option<SocketAddr>,
+    heard: BTreeMap<SocketAddr, Peer>,
 }
 
 impl Peers {
@@ -30,7 +32,16 @@ impl Peers {
     pub(super) fn learned() -> Self {
         Self {
             fixed: None,
-            peers: BTreeMap::new(),
+            called: None,
+            heard: BTreeMap::new(),
+        }
+    }
+
+    /// As [`Self::learned`], and while nobody is heard, everything is sent there.
+    pub(super) fn called(address: SocketAddr) -> Self {
+        Self {
+            called: Some(address),
+            ..Self::learned()
         }
     }
 
@@ -38,8 +49,19 @@ impl Peers {
     pub(super) fn fixed(peer: SocketAddr) -> Self {
         Self {
             fixed: Some(peer),
-            peers: BTreeMap::new(),
+            called: None,
+            heard: BTreeMap::new(),
         }
+    }
+
+    /// A peer has connected, and has not said who it is.
+    pub(super) fn connected(&mut self, peer: SocketAddr, now: Duration) {
+        self.entry(peer, now);
+    }
+
+    /// A peer is gone.
+    pub(super) fn closed(&mut self, peer: SocketAddr) {
+        self.heard.remove(&peer);
     }
 
     /// Whether datagrams from there are for us.
@@ -49,20 +71,25 @@ impl Peers {
 
     /// A frame of `address` came from `peer`.
     pub(super) fn learn(&mut self, peer: SocketAddr, address: Address, now: Duration) {
-        if !self.peers.contains_key(&peer) && self.peers.len() >= MAX_PEERS {
-            let silent_longest = self.peers.iter().min_by_key(|(_, peer)| peer.last_heard);
+        let peer = self.entry(peer, now);
+        if peer.addresses.len() < MAX_ADDRESSES {
+            peer.addresses.insert(address);
+        }
+    }
+
+    fn entry(&mut self, peer: SocketAddr, now: Duration) -> &mut Peer {
+        if !self.heard.contains_key(&peer) && self.heard.len() >= MAX_PEERS {
+            let silent_longest = self.heard.iter().min_by_key(|(_, peer)| peer.last_heard);
             if let Some(forgotten) = silent_longest.map(|(at, _)| *at) {
-                self.peers.remove(&forgotten);
+                self.heard.remove(&forgotten);
             }
         }
-        let peer = self.peers.entry(peer).or_insert_with(|| Peer {
+        let peer = self.heard.entry(peer).or_insert_with(|| Peer {
             last_heard: now,
             addresses: BTreeSet::new(),
         });
         peer.last_heard = now;
-        if peer.addresses.len() < MAX_ADDRESSES {
-            peer.addresses.insert(address);
-        }
+        peer
     }
 
     /// Where a frame for `target` goes.
@@ -71,10 +98,15 @@ impl Peers {
             return vec![peer];
         }
         let live = || {
-            self.peers
+            self.heard
                 .iter()
                 .filter(|(_, peer)| now.saturating_sub(peer.last_heard) <= SILENCE)
         };
+        if let Some(everybody) = self.called
+            && live().next().is_none()
+        {
+            return vec![everybody];
+        }
         let all = || live().map(|(at, _)| *at).collect();
         let Some(target) = target else {
             return all();
@@ -114,6 +146,15 @@ mod tests {
     }
 
     #[test]
+    fn a_network_is_called_until_somebody_answers() {
+        let mut peers = Peers::called(at(9));
+        assert_eq!(peers.targets(None, Duration::ZERO), [at(9)]);
+        peers.learn(at(1), Address::new(1, 1), Duration::ZERO);
+        assert_eq!(peers.targets(None, Duration::ZERO), [at(1)]);
+        assert_eq!(peers.targets(None, Duration::from_mins(1)), [at(9)]);
+    }
+
+    #[test]
     fn an_unheard_component_is_looked_for_where_its_system_is() {
         let mut peers = Peers::learned();
         peers.learn(at(1), Address::new(1, 1), Duration::ZERO);
@@ -146,6 +187,6 @@ mod tests {
                 );
             }
         }
-        assert_eq!(peers.peers[&at(1)].addresses.len(), MAX_ADDRESSES);
+        assert_eq!(peers.heard[&at(1)].addresses.len(), MAX_ADDRESSES);
     }
 }
