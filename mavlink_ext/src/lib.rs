@@ -28,6 +28,7 @@ pub mod presence;
 pub mod repeat;
 pub mod router;
 pub mod service;
+pub mod signing;
 pub mod statustext;
 pub mod timesync;
 pub mod tlog;

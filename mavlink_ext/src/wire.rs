@@ -18,8 +18,10 @@ pub use parser::Parser;
 pub const STX_V1: u8 = 0xFE;
 /// First byte of a MAVLink 2 frame.
 pub const STX_V2: u8 = 0xFD;
+/// Bytes that a signature adds to a frame.
+pub const SIGNATURE_BYTES: usize = 13;
 /// No frame is longer: header, payload, checksum and signature of MAVLink 2.
-pub const MAX_FRAME_BYTES: usize = 10 + 255 + 2 + 13;
+pub const MAX_FRAME_BYTES: usize = 10 + 255 + 2 + SIGNATURE_BYTES;
 
 /// The one incompatibility flag of MAVLink 2 that we can handle: a signature follows.
 const FLAG_SIGNED: u8 = 0x01;
@@ -131,6 +133,22 @@ pub struct RawFrame {
 }
 
 impl RawFrame {
+    /// The frame of MAVLink 2 that carries a message of the dialect, by its id and payload of at most 255 bytes.
+    pub fn new(from: Address, sequence: u8, (id, payload): (u32, &[u8])) -> Self {
+        let payload = &payload[..payload.len().min(255)];
+        let [id_low, id_middle, id_high, _] = id.to_le_bytes();
+        let mut bytes = Vec::with_capacity(payload.len() + 12);
+        bytes.extend([STX_V2, payload.len() as u8, 0, 0, sequence]);
+        bytes.extend([from.system.0, from.component.0]);
+        bytes.extend([id_low, id_middle, id_high]);
+        bytes.extend(payload);
+        let crc = calculate_crc(&bytes[1..], Message::extra_crc(id));
+        bytes.extend(crc.to_le_bytes());
+        Self {
+            bytes: bytes.into(),
+        }
+    }
+
     /// The frame that these bytes are, exactly.
     pub fn from_bytes(bytes: &[u8]) -> Result<Self, WireError> {
         let framing = WireError::Framing {
@@ -221,6 +239,36 @@ impl RawFrame {
         self.version() == MavlinkVersion::V2 && self.bytes[2] & FLAG_SIGNED != 0
     }
 
+    /// The 13 bytes of its signature: link id, timestamp, hash.
+    pub(crate) fn signature(&self) -> Option<&[u8]> {
+        let bytes = &self.bytes;
+        self.is_signed()
+            .then(|| &bytes[bytes.len() - SIGNATURE_BYTES..])
+    }
+
+    /// This frame of MAVLink 2 with a signature, in place of one that it may have. Of any message, also one that is not in
+    /// the dialect.
+    pub(crate) fn with_signature(&self, signature: [u8; SIGNATURE_BYTES]) -> Self {
+        let end = self.payload_start() + self.payload().len();
+        let mut bytes = self.bytes[..end + 2].to_vec();
+        if !self.is_signed() {
+            bytes[2] |= FLAG_SIGNED;
+            // The checksum covers the flag, and its seed may be unknown; but since checksums are linear, that of the flag
+            // alone tells the difference, whatever the seed.
+            let nothing = vec![0; end - 1];
+            let mut flag = nothing.clone();
+            flag[1] = FLAG_SIGNED;
+            let change = calculate_crc(&nothing, 0) ^ calculate_crc(&flag, 0);
+            let [low, high] = change.to_le_bytes();
+            bytes[end] ^= low;
+            bytes[end + 1] ^= high;
+        }
+        bytes.extend(signature);
+        Self {
+            bytes: bytes.into(),
+        }
+    }
+
     /// The message's fields as they travel; MAVLink 2 drops trailing zeros.
     pub fn payload(&self) -> &[u8] {
         let start = self.payload_start();
@@ -267,7 +315,11 @@ fn frame_length(bytes: &[u8]) -> Result<Option<usize>, WireError> {
             if flags & !FLAG_SIGNED != 0 {
                 return Err(WireError::Flags { flags });
             }
-            let signature = if flags & FLAG_SIGNED == 0 { 0 } else { 13 };
+            let signature = if flags & FLAG_SIGNED == 0 {
+                0
+            } else {
+                SIGNATURE_BYTES
+            };
             Ok(Some(10 + usize::from(payload) + 2 + signature))
         }
         [] | [STX_V1 | STX_V2] | [STX_V2, _] => Ok(None),
@@ -297,20 +349,14 @@ impl Encoder {
 
     /// The next frame.
     pub fn encode(&mut self, message: &Message) -> RawFrame {
-        let id = message.message_id();
         let mut payload = [0; 255];
         let length = message.ser(MavlinkVersion::V2, &mut payload);
-        let mut bytes = Vec::with_capacity(length + 12);
-        let [id_low, id_middle, id_high, _] = id.to_le_bytes();
-        bytes.extend([STX_V2, length as u8, 0, 0, self.sequence]);
-        bytes.extend([self.from.system.0, self.from.component.0]);
-        bytes.extend([id_low, id_middle, id_high]);
-        bytes.extend(&payload[..length]);
-        let crc = calculate_crc(&bytes[1..], Message::extra_crc(id));
-        bytes.extend(crc.to_le_bytes());
-        self.sequence = self.sequence.wrapping_add(1);
-        RawFrame {
-            bytes: bytes.into(),
-        }
+        let sequence = self.sequence;
+        self.sequence = sequence.wrapping_add(1);
+        RawFrame::new(
+            self.from,
+            sequence,
+            (message.message_id(), &payload[..length]),
+        )
     }
 }
