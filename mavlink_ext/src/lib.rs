@@ -20,6 +20,7 @@
 pub mod command;
 pub mod convert;
 pub mod dialect;
+pub mod ftp;
 pub mod link;
 pub mod mission;
 pub mod object;

@@ -1,5 +1,7 @@
 //! Other people's MAVLink programs talk to ours.
 
+mod services;
+
 use std::ffi::OsStr;
 use std::net::UdpSocket;
 use std::path::Path;
