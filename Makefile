@@ -25,6 +25,7 @@ doc: setup
 fuzz: setup
 	maps/fuzz/run
 	maps/octomap/fuzz/run
+	mavlink_ext/fuzz/run
 
 bench: setup
 	cargo bench --workspace --locked --benches
