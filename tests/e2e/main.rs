@@ -5,3 +5,4 @@ mod mission;
 mod peers;
 mod programs;
 mod replay;
+mod soak;

@@ -30,8 +30,9 @@ const FRAME_BYTES: f64 = 266.0;
 const WINDOW: Duration = Duration::from_millis(300);
 /// Echoes kept for it.
 const MAX_ECHOES: usize = 256;
-/// What every symbol of so long had to wait is a queue; the rest is jitter.
+/// What every symbol of so long had to wait, and so many of them, is a queue; the rest is jitter.
 const STANDING: Duration = Duration::from_millis(100);
+const STANDING_ECHOES: usize = 5;
 /// The wait comes back to the target within this, or two round trips.
 const SETTLING: Duration = Duration::from_millis(250);
 /// Growth in a second where nothing waits. Before anything ever waited, the pace doubles each round trip.
@@ -44,6 +45,8 @@ const BASE_SPAN: Duration = Duration::from_secs(10);
 const DRAINING: f64 = 0.5;
 /// A queue gets shorter when less than this share of what the link carries is sent.
 const LITTLE: f64 = 0.85;
+/// So many times the target cannot be jitter.
+const REAL: f64 = 4.0;
 /// If less than this share of what used to arrive arrives, buffers overflow.
 const OVERFLOWING: f64 = 0.7;
 /// The share that is lost on the air is averaged over this time.
@@ -166,9 +169,12 @@ impl Pacer {
             self.echoes.pop_front();
         }
         self.update_base(now, echo.round_trip);
-        let lately = |other: &&Echo| echo.sent.at.since(other.sent.at) <= STANDING;
-        let least = (self.echoes.iter().rev().take_while(lately))
-            .map(|echo| echo.round_trip)
+        let lately = |(place, other): &(usize, &Echo)| {
+            *place < STANDING_ECHOES || echo.sent.at.since(other.sent.at) <= STANDING
+        };
+        let newest_first = self.echoes.iter().rev().enumerate();
+        let least = (newest_first.take_while(lately))
+            .map(|(_, echo)| echo.round_trip)
             .min();
         self.wait = least.map_or(Duration::ZERO, |least| {
             least.saturating_sub(self.shortest())
@@ -237,7 +243,11 @@ impl Pacer {
         } else if sent > LITTLE * self.capacity || trend < -(1.0 - LITTLE) / 2.0 {
             self.stuck_since = None;
             let carried = sent / (1.0 + trend).max(0.1);
-            self.capacity += (carried - self.capacity) * weight;
+            // Who has little to send learns only that the link carries that, unless a real queue stands.
+            let is_told = self.limited || carried > self.capacity;
+            if is_told || self.wait.as_secs_f64() > REAL * self.target() {
+                self.capacity += (carried - self.capacity) * weight;
+            }
         } else {
             self.stuck(now, sent);
         }
@@ -316,6 +326,9 @@ fn slope(points: impl Iterator<Item = (f64, f64)> + Clone) -> Option<f64> {
 
 #[cfg(test)]
 mod tests {
+    use rand::{RngExt as _, SeedableRng as _};
+    use rand_pcg::Pcg64;
+
     use super::*;
     use crate::object::estimate::Sent;
 
@@ -330,6 +343,11 @@ mod tests {
         queue: f64,
         sent: u64,
         received: u32,
+        /// Added to each round trip, from none to this.
+        jitter: Duration,
+        random: Pcg64,
+        /// What there is to send, in bytes per second.
+        offered: f64,
         under_way: VecDeque<(Stamp, Echo)>,
     }
 
@@ -343,6 +361,9 @@ mod tests {
                 queue: 0.0,
                 sent: 0,
                 received: 0,
+                jitter: Duration::ZERO,
+                random: Pcg64::seed_from_u64(5),
+                offered: f64::INFINITY,
                 under_way: VecDeque::new(),
             }
         }
@@ -350,6 +371,7 @@ mod tests {
         /// Always has something to send. The mean rate that gets through, and the longest wait, in seconds.
         fn run(&mut self, seconds: u64) -> (f64, f64) {
             let (mut carried, mut longest) = (0.0, 0.0_f64);
+            let mut left = 0.0;
             for _ in 0..seconds * 100 {
                 self.now += STEP;
                 self.pacer.refill(self.now);
@@ -357,7 +379,9 @@ mod tests {
                 self.queue -= leaves;
                 carried += leaves;
                 let mut taken = None;
-                while self.pacer.allows() {
+                left += self.offered * STEP.as_secs_f64();
+                while self.pacer.allows() && left > 0.0 {
+                    left -= 266.0;
                     self.pacer.spend(266);
                     self.sent += 266;
                     if self.queue + 266.0 > (self.carries / 2.0).max(600.0) {
@@ -371,11 +395,14 @@ mod tests {
                         bytes: self.sent,
                     });
                 }
-                self.pacer.ran_out();
+                if left > 0.0 {
+                    self.pacer.ran_out();
+                }
                 let wait = Duration::from_secs_f64(self.queue / self.carries);
                 longest = longest.max(wait.as_secs_f64());
                 if let Some(sent) = taken {
-                    let round_trip = self.delay + wait;
+                    let jitter = self.jitter.mul_f64(self.random.random());
+                    let round_trip = self.delay + wait + jitter;
                     let received = self.received;
                     let echo = Echo {
                         sent,
@@ -417,6 +444,27 @@ mod tests {
         let (carried, longest) = pipe.run(60);
         assert!(carried > 0.95 * 125_000.0, "{carried}");
         assert!(longest < 0.1, "{longest}");
+    }
+
+    #[test]
+    fn jitter_is_not_taken_for_a_queue() {
+        let mut pipe = Pipe::new(250_000, 250_000.0, 100);
+        pipe.jitter = Duration::from_millis(40);
+        pipe.run(20);
+        let (carried, _) = pipe.run(60);
+        assert!(carried > 0.85 * 250_000.0, "{carried}");
+    }
+
+    #[test]
+    fn who_has_little_to_send_may_send_more_at_any_time() {
+        let mut pipe = Pipe::new(250_000, 250_000.0, 100);
+        pipe.jitter = Duration::from_millis(40);
+        pipe.run(10);
+        pipe.offered = 25_000.0;
+        pipe.run(60);
+        pipe.offered = f64::INFINITY;
+        let (carried, _) = pipe.run(5);
+        assert!(carried > 0.75 * 250_000.0, "{carried}");
     }
 
     #[test]

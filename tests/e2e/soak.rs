@@ -1,0 +1,374 @@
+//! Ten minutes of two companions and a ground station over links that drop, stall, repeat, reorder and break, in simulated
+//! time. Both ends restart in between.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::time::Duration;
+
+use maps::time::Stamp;
+use mavlink_ext::command::{Client, CommandError, Incoming, Request};
+use mavlink_ext::dialect::tandem::MavResult;
+use mavlink_ext::object::{
+    Object, ObjectId, Receiver, ReceiverLimits, Sender, SenderSettings, Service, StreamId,
+};
+use mavlink_ext::repeat::{Duplicates, Reception, Repeater};
+use mavlink_ext::service::Ends;
+use mavlink_ext::{Address, Encoder, Message, RawFrame};
+use rand::{Rng as _, RngExt as _, SeedableRng as _};
+use rand_pcg::Pcg64;
+use sitl::link::{Channel, Loss, Outage, Profile};
+
+const STATION: Address = Address::new(255, 190);
+const COMPANIONS: [Address; 2] = [Address::new(1, 191), Address::new(2, 191)];
+const STEP: Duration = Duration::from_millis(5);
+const TICK_STEPS: u64 = 2;
+const MINUTE: u64 = 60_000;
+const SOAK_MS: u64 = 10 * MINUTE;
+/// After the end of the changes, everything is there within this time.
+const SETTLED_MS: u64 = MINUTE;
+/// How much the process may grow after its first three minutes.
+const GROWTH_BYTES: u64 = 16 << 20;
+const KEYS: u64 = 40;
+/// Numbers that MAVLink leaves to users.
+const FIRST_COMMAND: u16 = 31_010;
+
+fn at(millis: u64) -> Stamp {
+    Stamp::ZERO + Duration::from_millis(millis)
+}
+
+/// One end of a link: frames out, frames in, copies of commands made and dropped.
+struct End {
+    encoder: Encoder,
+    out: Channel<RawFrame>,
+    repeater: Repeater,
+    duplicates: Duplicates,
+    reception: Reception,
+}
+
+impl End {
+    fn new(address: Address, profile: &Profile, seed: u64) -> Self {
+        Self {
+            encoder: Encoder::new(address),
+            out: Channel::new(profile.clone(), seed),
+            repeater: Repeater::new(),
+            duplicates: Duplicates::new(),
+            reception: Reception::new(),
+        }
+    }
+
+    fn put(&mut self, now: Stamp, frame: RawFrame) {
+        let bytes = frame.bytes().len();
+        self.out.send(now, frame, bytes);
+    }
+
+    fn send(&mut self, now: Stamp, messages: Vec<Message>) {
+        for message in messages {
+            let frame = self.encoder.encode(&message);
+            self.repeater.sent(now, &frame);
+            self.put(now, frame);
+        }
+        for copy in self.repeater.tick(now) {
+            self.put(now, copy);
+        }
+    }
+
+    fn hear(&mut self, now: Stamp, frame: &RawFrame) -> Option<Message> {
+        let is_copy = !self.duplicates.is_new(now, frame);
+        self.repeater.heard(now, frame, is_copy);
+        self.reception.heard(frame);
+        self.repeater.set_loss(self.reception.loss().unwrap_or(0.0));
+        frame.decode().ok().filter(|_| !is_copy)
+    }
+}
+
+/// A companion that maps, and the link from it to the station and back.
+struct Companion {
+    address: Address,
+    session: u16,
+    sender: Sender,
+    /// The newest version of each key, and its content.
+    tiles: BTreeMap<u64, (u64, Vec<u8>)>,
+    end: End,
+    station: End,
+    /// Until when nothing comes out of the link, but is not lost.
+    stalled_until: Stamp,
+    /// Commands carried out, with those that were asked for again.
+    obeyed: u32,
+}
+
+fn sender(now: Stamp, address: Address, session: u16) -> Sender {
+    let ends = Ends {
+        own: address,
+        peer: STATION,
+    };
+    let settings = SenderSettings {
+        bytes_per_second: 500_000, // Twice what the link carries.
+        ..SenderSettings::default()
+    };
+    Sender::new(now, ends, session, settings)
+}
+
+impl Companion {
+    fn new(address: Address, random: &mut Pcg64) -> Self {
+        let profile = Profile {
+            jitter: Duration::from_millis(20),
+            loss: Loss::Bursts {
+                share: 0.15,
+                length: 3.0,
+            },
+            repeat: 0.02,
+            overtake: 0.1,
+            ..Profile::of_rate(2e6, Duration::from_millis(50))
+        };
+        let mut end = |address| End::new(address, &profile, random.random());
+        Self {
+            address,
+            session: 1,
+            sender: sender(Stamp::ZERO, address, 1),
+            tiles: BTreeMap::new(),
+            end: end(address),
+            station: end(STATION),
+            stalled_until: Stamp::ZERO,
+            obeyed: 0,
+        }
+    }
+
+    fn offer(&mut self, now: Stamp, key: u64) {
+        let (version, bytes) = &self.tiles[&key];
+        let id = ObjectId {
+            stream: StreamId::TILE,
+            key,
+            version: *version,
+        };
+        let object = Object {
+            id,
+            service: Service::Reliable,
+            bytes: bytes.clone(),
+        };
+        self.sender.offer(now, object).expect("room for it");
+    }
+
+    /// A tile changes.
+    fn map(&mut self, now: Stamp, random: &mut Pcg64) {
+        let key = random.random_range(0..KEYS);
+        let mut bytes = vec![0; random.random_range(500..12_000)];
+        random.fill_bytes(&mut bytes);
+        let version = self.tiles.get(&key).map_or(1, |(version, _)| version + 1);
+        self.tiles.insert(key, (version, bytes));
+        self.offer(now, key);
+    }
+
+    /// The program starts anew with the map that it has on its disk.
+    fn restart(&mut self, now: Stamp) {
+        self.session += 1;
+        self.sender = sender(now, self.address, self.session);
+        let keys: Vec<u64> = self.tiles.keys().copied().collect();
+        for key in keys {
+            self.offer(now, key);
+        }
+    }
+
+    fn run(&mut self, now: Stamp) {
+        let step = self.sender.tick(now);
+        self.end.send(now, step.send);
+        for frame in self.station.out.arrived(now) {
+            let Some(message) = self.end.hear(now, &frame) else {
+                continue;
+            };
+            let step = self.sender.handle(now, STATION, &message);
+            self.end.send(now, step.send);
+            if let Some(command) = Incoming::parse(self.address, STATION, &message) {
+                self.obeyed += 1;
+                let ack = command.ack(MavResult::MAV_RESULT_ACCEPTED);
+                self.end.send(now, vec![ack]);
+            }
+        }
+    }
+
+    /// The link breaks, or stalls, now and then.
+    fn disturb(&mut self, now: Stamp, random: &mut Pcg64) {
+        let span = Duration::from_millis(random.random_range(500..20_000));
+        if random.random_bool(0.5) {
+            for channel in [&mut self.end.out, &mut self.station.out] {
+                channel.fail(Outage { from: now, span });
+            }
+        } else {
+            self.stalled_until = now + span / 4;
+        }
+    }
+}
+
+/// The station: what it has of both maps, and its commands.
+struct Station {
+    receiver: Receiver,
+    session: u32,
+    has: BTreeMap<(Address, u64), (u64, Vec<u8>)>,
+    commands: Client,
+    asked: u32,
+    answered: u32,
+    unanswered: u32,
+}
+
+impl Station {
+    fn new(session: u32) -> Self {
+        Self {
+            receiver: Receiver::new(STATION, session, ReceiverLimits::default()),
+            session,
+            has: BTreeMap::new(),
+            commands: Client::new(STATION),
+            asked: 0,
+            answered: 0,
+            unanswered: 0,
+        }
+    }
+
+    fn ended(&mut self, outcomes: Vec<mavlink_ext::command::Outcome>) {
+        for outcome in outcomes {
+            match outcome.result {
+                Ok(()) => self.answered += 1,
+                Err(CommandError::NoAnswer { .. }) => self.unanswered += 1,
+                Err(error) => panic!("{error}"),
+            }
+        }
+    }
+
+    fn hear(&mut self, now: Stamp, companion: &mut Companion) {
+        if now < companion.stalled_until {
+            return;
+        }
+        let from = companion.address;
+        for frame in companion.end.out.arrived(now) {
+            let Some(message) = companion.station.hear(now, &frame) else {
+                continue;
+            };
+            let step = self.commands.handle(now, from, &message);
+            self.ended(step.events);
+            let step = self.receiver.handle(now, from, &message);
+            companion.station.send(now, step.send);
+            for received in step.events {
+                let place = (from, received.id.key);
+                self.has
+                    .insert(place, (received.id.version, received.bytes));
+            }
+        }
+    }
+
+    fn command(&mut self, now: Stamp, number: u64, companion: &mut Companion) {
+        let command = FIRST_COMMAND + (number % 500) as u16;
+        let request = Request::long(command, &[]);
+        let message = self.commands.start(now, companion.address, request);
+        self.asked += 1;
+        companion
+            .station
+            .send(now, vec![message.expect("it is not under way any more")]);
+    }
+
+    fn tick(&mut self, now: Stamp, companions: &mut [Companion]) {
+        let reports = self.receiver.tick(now).send;
+        let again = self.commands.tick(now);
+        self.ended(again.events);
+        for companion in companions {
+            // Each has a link of its own; what is for the other goes nowhere there.
+            let mut messages = reports.clone();
+            messages.extend(again.send.clone());
+            companion.station.send(now, messages);
+        }
+    }
+}
+
+/// Resident memory of this process.
+fn resident_bytes() -> u64 {
+    let pages = fs::read_to_string("/proc/self/statm").expect("Linux tells");
+    let resident = pages
+        .split(' ')
+        .nth(1)
+        .and_then(|pages| pages.parse::<u64>().ok());
+    resident.expect("a number") * 4096
+}
+
+#[test]
+fn ten_minutes_of_bad_links_lose_no_tile_no_command_and_no_memory() {
+    let mut random = Pcg64::seed_from_u64(11);
+    let mut companions = COMPANIONS.map(|address| Companion::new(address, &mut random));
+    let mut station = Station::new(1);
+    let mut early = 0;
+    let mut commands = 0;
+    for millis in (0..SOAK_MS + SETTLED_MS).step_by(STEP.as_millis() as usize) {
+        let now = at(millis);
+        let soaks = millis < SOAK_MS;
+        for companion in &mut companions {
+            if soaks && millis % 250 == 0 {
+                companion.map(now, &mut random);
+            }
+            if soaks && millis % 30_000 == 15_000 {
+                companion.disturb(now, &mut random);
+            }
+            if millis % (TICK_STEPS * STEP.as_millis() as u64) == 0 {
+                companion.run(now);
+            }
+            station.hear(now, companion);
+        }
+        if soaks && millis % 500 == 0 {
+            commands += 1;
+            let target = &mut companions[(commands % 2) as usize];
+            station.command(now, commands, target);
+        }
+        if millis % 10 == 0 {
+            station.tick(now, &mut companions);
+        }
+        match millis {
+            m if m == 3 * MINUTE => early = resident_bytes(),
+            m if m == 4 * MINUTE => companions[0].restart(now),
+            m if m == 7 * MINUTE => {
+                // What it had is lost; its commands under way are asked for again by nobody.
+                let commands = std::mem::replace(&mut station.commands, Client::new(STATION));
+                let session = station.session + 1;
+                station = Station {
+                    commands,
+                    asked: station.asked,
+                    answered: station.answered,
+                    unanswered: station.unanswered,
+                    ..Station::new(session)
+                };
+            }
+            _ => {}
+        }
+    }
+    let grown = resident_bytes().saturating_sub(early);
+    assert!(
+        grown < GROWTH_BYTES,
+        "{grown} bytes more than after three minutes"
+    );
+    for companion in &companions {
+        for (key, tile) in &companion.tiles {
+            let has = station.has.get(&(companion.address, *key));
+            assert!(
+                has == Some(tile),
+                "tile {key} of {} is stale",
+                companion.address
+            );
+        }
+        assert!(
+            companion.sender.is_idle(),
+            "{:?}",
+            companion.sender.stats(at(SOAK_MS))
+        );
+    }
+    let Station {
+        asked,
+        answered,
+        unanswered,
+        ..
+    } = station;
+    assert_eq!(
+        asked,
+        answered + unanswered,
+        "each was answered, or told to be unanswered"
+    );
+    let obeyed: u32 = companions.iter().map(|companion| companion.obeyed).sum();
+    assert!(
+        obeyed < asked * 11 / 10,
+        "{obeyed} carried out of {asked}: copies count once"
+    );
+    assert!(answered > asked * 8 / 10, "{answered} of {asked}");
+}
