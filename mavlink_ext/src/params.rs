@@ -4,12 +4,14 @@
 //! `AUTOPILOT_VERSION.capabilities` tells which.
 
 mod client;
+mod packed;
 mod server;
 
 use crate::dialect::tandem::{MavParamType, MavProtocolCapability};
 use crate::dialect::{CharArray, char_array};
 
 pub use client::{Client, ClientEvent, ParamError};
+pub use packed::{PACKED_PATH, PackedError, pack, unpack};
 pub use server::{Changed, Server};
 
 /// Characters of a name.

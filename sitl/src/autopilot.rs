@@ -30,7 +30,7 @@ use mavlink_ext::dialect::tandem::{
 use mavlink_ext::dialect::{char_array, cmd};
 use mavlink_ext::mission::{MissionChange, MissionFrame, MissionItem, Server};
 use mavlink_ext::service::is_for;
-use mavlink_ext::{Address, Message};
+use mavlink_ext::{Address, Message, ftp, params};
 use nalgebra::Isometry3;
 
 use crate::vehicle::Motion;
@@ -50,6 +50,8 @@ use streams::Streams;
 const BOOT: Duration = Duration::from_secs(2);
 /// Heartbeats of the autopilot itself.
 const HEARTBEAT_INTERVAL: Duration = Duration::from_secs(1);
+/// Bytes of files that it sends in a second.
+const FILES_BYTES_PER_S: u32 = 50_000;
 /// Parameters sent in one step while a list goes out.
 const PARAMETERS_PER_STEP: usize = 2;
 
@@ -99,6 +101,8 @@ pub struct Autopilot {
     origin: Origin,
     parameters: Parameters,
     streams: Streams,
+    /// Serves the parameters as one file.
+    files: ftp::Server,
     mission: Server,
     execution: Execution,
     failsafe: Failsafe,
@@ -144,6 +148,7 @@ impl Autopilot {
             origin: setup.origin,
             parameters: Parameters::new(kind),
             streams: Streams::default(),
+            files: ftp::Server::new(setup.address, None, FILES_BYTES_PER_S),
             mission: Server::new(setup.address, accept),
             execution: Execution::default(),
             failsafe: Failsafe::default(),
@@ -181,6 +186,7 @@ impl Autopilot {
                 self.out.push(message);
             }
         }
+        self.out.extend(self.files.tick(now));
         let listed = self.parameters.next_listed(PARAMETERS_PER_STEP);
         self.out.extend(listed);
         std::mem::take(&mut self.out)
@@ -235,6 +241,11 @@ impl Autopilot {
                     (_, rate_hz) => Duration::from_secs(1) / u32::from(rate_hz),
                 };
                 self.streams.ask_group(request.req_stream_id, interval);
+            }
+            Message::FILE_TRANSFER_PROTOCOL(_) => {
+                let packed = params::pack(&self.parameters.all());
+                self.files.publish(params::PACKED_PATH, packed);
+                self.out.extend(self.files.handle(now, from, message));
             }
             Message::TIMESYNC(sync) => self.out.extend(timesync_answer(now, from, sync)),
             Message::ODOMETRY(odometry) => self.hear_odometry(from, odometry),

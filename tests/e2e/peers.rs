@@ -35,9 +35,8 @@ pub(crate) fn python(script: &str, arguments: &[&OsStr]) -> String {
     String::from_utf8(output.stdout).expect("Python prints UTF-8")
 }
 
-/// MAVSDK connects to one simulated vehicle, uploads a mission, downloads it, finds it equal, and arms.
-fn check_mavsdk(vehicle: &str) {
-    let folder = tempfile::tempdir().expect("a folder for the log");
+/// A simulated vehicle, and the port of this machine that it sends to.
+fn start_vehicle(vehicle: &str, log: &Path) -> (Program, u16) {
     let free = UdpSocket::bind("127.0.0.1:0")
         .and_then(|socket| socket.local_addr())
         .expect("a free port");
@@ -52,11 +51,17 @@ fn check_mavsdk(vehicle: &str) {
         vehicle,
     ]);
     sitl.arg(format!("udpout:127.0.0.1:{}", free.port()));
-    let mut sitl = Program::start("sitl", sitl, &folder.path().join("sitl.log"), Show::Nothing)
-        .expect("the simulator starts");
+    let sitl = Program::start("sitl", sitl, log, Show::Nothing).expect("the simulator starts");
+    (sitl, free.port())
+}
+
+/// MAVSDK connects to one simulated vehicle, uploads a mission, downloads it, finds it equal, and arms.
+fn check_mavsdk(vehicle: &str) {
+    let folder = tempfile::tempdir().expect("a folder for the log");
+    let (mut sitl, port) = start_vehicle(vehicle, &folder.path().join("sitl.log"));
     python(
         "mavsdk_mission.py",
-        &[format!("udpin://127.0.0.1:{}", free.port()).as_ref()],
+        &[format!("udpin://127.0.0.1:{port}").as_ref()],
     );
     sitl.stop(Duration::from_secs(10))
         .expect("the simulator ends when asked to");
@@ -70,4 +75,23 @@ fn mavsdk_arms_the_simulated_copter_and_reads_back_its_mission() {
 #[test]
 fn mavsdk_arms_the_simulated_rover_and_reads_back_its_mission() {
     check_mavsdk("--rover");
+}
+
+#[test]
+fn mavproxy_loads_parameters_and_a_mission_without_a_complaint() {
+    let folder = tempfile::tempdir().expect("a folder for the logs");
+    for (vehicle, parameters) in [("--copter", 23), ("--rover", 18)] {
+        let (mut sitl, port) = start_vehicle(vehicle, &folder.path().join("sitl.log"));
+        let endpoint = format!("udpin:127.0.0.1:{port}");
+        let told = python(
+            "mavproxy_session.py",
+            &[endpoint.as_ref(), folder.path().as_os_str()],
+        );
+        assert!(told.contains("by file"), "{vehicle}: {told}");
+        let loaded = format!("{parameters} parameters");
+        assert!(told.contains(&loaded), "{vehicle}: {told}");
+        assert!(told.contains("mission of 3 items"), "{vehicle}: {told}");
+        sitl.stop(Duration::from_secs(10))
+            .expect("the simulator ends when asked to");
+    }
 }

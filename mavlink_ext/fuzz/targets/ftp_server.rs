@@ -25,7 +25,7 @@ fuzz_target!(|bytes: &[u8]| {
         fs::write(served.join("a"), [7; 1000]).expect("there is room");
         fs::write(folder.path().join("a"), "outside").expect("there is room");
         let root = Root::new(&served, true).expect("it exists");
-        let mut server = Server::new(OWN, root, 100_000);
+        let mut server = Server::new(OWN, Some(root), 100_000);
         let mut now = Stamp::ZERO;
         let mut rest = bytes;
         while let [length, payload @ ..] = rest {

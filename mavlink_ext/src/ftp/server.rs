@@ -2,7 +2,9 @@
 
 use std::collections::BTreeMap;
 use std::fs::File;
+use std::io;
 use std::os::unix::fs::FileExt as _;
+use std::sync::Arc;
 use std::time::Duration;
 
 use maps::time::Stamp;
@@ -25,22 +27,46 @@ const BURST: Duration = Duration::from_millis(50);
 /// Bytes of a file read at once for its checksum.
 const BLOCK: usize = 1 << 16;
 
+#[derive(Clone, Debug)]
 enum Access {
     Read(u32),
     Write,
 }
 
+/// What a session reads or writes.
+#[derive(Clone, Debug)]
+enum Content {
+    File(Arc<File>),
+    Published(Arc<[u8]>),
+}
+
+impl Content {
+    fn read_at(&self, bytes: &mut [u8], offset: u64) -> io::Result<usize> {
+        match self {
+            Self::File(file) => file.read_at(bytes, offset),
+            Self::Published(all) => {
+                let from = usize::try_from(offset).unwrap_or(usize::MAX).min(all.len());
+                let count = bytes.len().min(all.len() - from);
+                bytes[..count].copy_from_slice(&all[from..from + count]);
+                Ok(count)
+            }
+        }
+    }
+}
+
+#[derive(Clone, Debug)]
 struct Session {
     client: Address,
     /// The sequence number of the request that opened it.
     opened_by: u16,
-    file: File,
+    content: Content,
     access: Access,
     last_used: Stamp,
     burst: Option<Burst>,
 }
 
 /// A file on its way.
+#[derive(Clone, Debug)]
 struct Burst {
     sequence: u16,
     offset: u32,
@@ -48,10 +74,13 @@ struct Burst {
     piece: u8,
 }
 
-/// Serves a folder to any client.
+/// Serves a folder, and what its owner publishes, to any client.
+#[derive(Clone, Debug)]
 pub struct Server {
     own: Address,
-    root: Root,
+    root: Option<Root>,
+    /// Files that are not in the folder, by their path.
+    published: BTreeMap<String, Arc<[u8]>>,
     bytes_per_second: u32,
     sessions: BTreeMap<u8, Session>,
     /// The last request of each client, and its answer.
@@ -62,16 +91,44 @@ pub struct Server {
 
 impl Server {
     /// Bursts take this many bytes of MAVLink frames per second together.
-    pub fn new(own: Address, root: Root, bytes_per_second: u32) -> Self {
+    /// Without a folder, only what is published is served.
+    pub fn new(own: Address, root: Option<Root>, bytes_per_second: u32) -> Self {
         Self {
             own,
             root,
+            published: BTreeMap::new(),
             bytes_per_second,
             sessions: BTreeMap::new(),
             answered: BTreeMap::new(),
             budget: 0.0,
             refilled: Stamp::ZERO,
         }
+    }
+
+    /// Serves these bytes under a path, whatever a client adds to it after a `?`. Who reads an older version reads it to its end.
+    pub fn publish(&mut self, path: &str, bytes: Vec<u8>) {
+        self.published.insert(path.to_owned(), bytes.into());
+    }
+
+    /// What is published under a path.
+    fn published(&self, path: &[u8]) -> Option<Arc<[u8]>> {
+        let path = path.split(|byte| *byte == b'?').next().unwrap_or_default();
+        let path = std::str::from_utf8(path).ok()?;
+        self.published.get(path.trim_start_matches('/')).cloned()
+    }
+
+    fn root(&self) -> Result<&Root, FtpError> {
+        self.root.as_ref().ok_or(FtpError::FileNotFound)
+    }
+
+    /// Opens a file to read; its size.
+    fn content(&self, path: &[u8]) -> Result<(Content, u32), FtpError> {
+        if let Some(bytes) = self.published(path) {
+            let size = u32::try_from(bytes.len()).map_err(|_too_large| FtpError::Fail)?;
+            return Ok((Content::Published(bytes), size));
+        }
+        let (file, size) = self.root()?.open(path)?;
+        Ok((Content::File(Arc::new(file)), size))
     }
 
     /// Tells it of any message that came in; what to send. Reads and writes files.
@@ -135,16 +192,22 @@ impl Server {
                 self.sessions.retain(|_, session| session.client != from);
                 same(Vec::new())
             }
-            Opcode::ListDirectory => same(page(&self.root.list(path)?, request.offset)?),
+            Opcode::ListDirectory => same(page(&self.root()?.list(path)?, request.offset)?),
             Opcode::OpenFileRo => {
-                let (file, size) = self.root.open(path)?;
-                let session = self.open(now, (from, request.sequence), file, Access::Read(size))?;
+                let (content, size) = self.content(path)?;
+                let client = (from, request.sequence, request.session);
+                let session = self.open(now, client, content, Access::Read(size))?;
                 Ok((session, size.to_le_bytes().to_vec()))
             }
             Opcode::CreateFile => {
-                let file = self.root.create(path)?;
+                let file = Content::File(Arc::new(self.root()?.create(path)?));
                 Ok((
-                    self.open(now, (from, request.sequence), file, Access::Write)?,
+                    self.open(
+                        now,
+                        (from, request.sequence, request.session),
+                        file,
+                        Access::Write,
+                    )?,
                     Vec::new(),
                 ))
             }
@@ -157,11 +220,11 @@ impl Server {
                 session.write(request)?;
                 same(Vec::new())
             }
-            Opcode::RemoveFile => same(self.root.remove(path).map(|()| Vec::new())?),
-            Opcode::CreateDirectory => same(self.root.create_folder(path).map(|()| Vec::new())?),
-            Opcode::RemoveDirectory => same(self.root.remove_folder(path).map(|()| Vec::new())?),
+            Opcode::RemoveFile => same(self.root()?.remove(path).map(|()| Vec::new())?),
+            Opcode::CreateDirectory => same(self.root()?.create_folder(path).map(|()| Vec::new())?),
+            Opcode::RemoveDirectory => same(self.root()?.remove_folder(path).map(|()| Vec::new())?),
             Opcode::TruncateFile => {
-                self.root.truncate(path, request.offset)?;
+                self.root()?.truncate(path, request.offset)?;
                 same(Vec::new())
             }
             Opcode::Rename => {
@@ -169,12 +232,12 @@ impl Server {
                 let (from, to) = (names.next(), names.next());
                 let to = to.filter(|to| !to.is_empty());
                 let (from, to) = from.zip(to).ok_or(FtpError::InvalidDataSize)?;
-                self.root.rename(from, to)?;
+                self.root()?.rename(from, to)?;
                 same(Vec::new())
             }
             Opcode::CalcFileCrc32 => {
-                let (file, size) = self.root.open(path)?;
-                same(checksum(&file, size)?.to_le_bytes().to_vec())
+                let (content, size) = self.content(path)?;
+                same(checksum(&content, size)?.to_le_bytes().to_vec())
             }
             Opcode::BurstReadFile | Opcode::Ack | Opcode::Nak => Err(FtpError::UnknownCommand),
         }
@@ -200,19 +263,29 @@ impl Server {
     fn open(
         &mut self,
         now: Stamp,
-        (client, opened_by): (Address, u16),
-        file: File,
+        (client, opened_by, wished): (Address, u16, u8),
+        content: Content,
         access: Access,
     ) -> Result<u8, FtpError> {
         self.sessions
             .retain(|_, session| now.since(session.last_used) <= FORGOTTEN);
-        // The lowest: MAVSDK takes for granted that it is 0.
-        let free = (0..MAX_SESSIONS as u8).find(|number| !self.sessions.contains_key(number));
-        let number = free.ok_or(FtpError::NoSessionsAvailable)?;
+        // MAVProxy takes for granted that the session has the number that it asks for, MAVSDK that it is 0.
+        let is_own = |number: &u8| self.sessions.get(number).is_none_or(|s| s.client == client);
+        let wished = Some(wished).filter(|number| *number != 0 && is_own(number));
+        let number = match wished {
+            Some(number) => number,
+            None => (0..=u8::MAX)
+                .find(|number| !self.sessions.contains_key(number))
+                .ok_or(FtpError::NoSessionsAvailable)?,
+        };
+        self.sessions.remove(&number);
+        if self.sessions.len() >= MAX_SESSIONS {
+            return Err(FtpError::NoSessionsAvailable);
+        }
         let session = Session {
             client,
             opened_by,
-            file,
+            content,
             access,
             last_used: now,
             burst: None,
@@ -266,7 +339,7 @@ impl Server {
 impl Session {
     fn read(&self, offset: u32, size: u8) -> Result<Vec<u8>, FtpError> {
         let mut data = vec![0; usize::from(size).min(CHUNK)];
-        let length = self.file.read_at(&mut data, u64::from(offset))?;
+        let length = self.content.read_at(&mut data, u64::from(offset))?;
         if length == 0 {
             return Err(FtpError::Eof);
         }
@@ -275,14 +348,14 @@ impl Session {
     }
 
     fn write(&self, request: &Packet) -> Result<(), FtpError> {
-        if !matches!(self.access, Access::Write) {
+        let (Content::File(file), Access::Write) = (&self.content, &self.access) else {
             return Err(FtpError::FileProtected);
-        }
+        };
         // A file with a hole of gigabytes would be made by one message.
-        if u64::from(request.offset) > self.file.metadata()?.len() + MOST_AHEAD {
+        if u64::from(request.offset) > file.metadata()?.len() + MOST_AHEAD {
             return Err(FtpError::InvalidDataSize);
         }
-        Ok((self.file).write_all_at(&request.data, u64::from(request.offset))?)
+        Ok(file.write_all_at(&request.data, u64::from(request.offset))?)
     }
 
     fn next_piece(&mut self, number: u8) -> Option<Message> {
@@ -350,12 +423,12 @@ fn page(entries: &[String], first: u32) -> Result<Vec<u8>, FtpError> {
     }
 }
 
-fn checksum(file: &File, size: u32) -> Result<u32, FtpError> {
+fn checksum(content: &Content, size: u32) -> Result<u32, FtpError> {
     let mut crc = Crc32::new();
     let mut block = vec![0; BLOCK];
     let mut offset = 0;
     while offset < u64::from(size) {
-        let length = file.read_at(&mut block, offset)?;
+        let length = content.read_at(&mut block, offset)?;
         if length == 0 {
             break;
         }

@@ -39,7 +39,7 @@ impl Room {
         Self {
             folder,
             now: Stamp::ZERO,
-            server: Server::new(OWN, root, 200_000),
+            server: Server::new(OWN, Some(root), 200_000),
             client: Client::new(ends),
             there: Air::new(STATION, radio, 1),
             back: Air::new(OWN, radio, 2),
@@ -189,6 +189,24 @@ fn a_server_that_falls_silent_leaves_what_can_be_resumed() {
     assert!(so_far.len() > 20_000, "{} bytes", so_far.len());
     assert_eq!(so_far, content(100_000)[..so_far.len()]);
     assert!(room.client.is_idle());
+}
+
+#[test]
+fn what_is_published_is_read_whatever_is_asked_about_it() {
+    let mut room = Room::new(Radio::losing(0.1), false);
+    room.server.publish("@PARAM/param.pck", content(3000));
+    for path in ["@PARAM/param.pck", "/@PARAM/param.pck?withdefaults=1"] {
+        assert_eq!(room.download(path), Ok(Done::Downloaded(content(3000))));
+    }
+    room.server = Server::new(OWN, None, 200_000);
+    let missing = Err(JobError::Refused(FtpError::FileNotFound));
+    assert_eq!(room.download("@PARAM/param.pck"), missing);
+    assert_eq!(
+        room.run(Job::List {
+            path: "/".to_owned()
+        }),
+        Err(JobError::Refused(FtpError::FileNotFound))
+    );
 }
 
 #[test]

@@ -151,6 +151,14 @@ impl Parameters {
         Some(index)
     }
 
+    /// All of them, as they are now.
+    pub fn all(&self) -> Vec<mavlink_ext::params::Parameter> {
+        let real = |(row, value): &(&Row, f32)| {
+            mavlink_ext::params::Parameter::real(row.name, f64::from(*value))
+        };
+        self.rows.iter().map(real).collect()
+    }
+
     /// Where a parameter is in the list.
     pub fn index_of(&self, name: &str) -> Option<usize> {
         self.rows.iter().position(|(row, _)| row.name == name)

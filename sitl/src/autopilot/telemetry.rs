@@ -174,7 +174,8 @@ impl Autopilot {
             | Sensor::MAV_SYS_STATUS_AHRS
             | Sensor::MAV_SYS_STATUS_SENSOR_BATTERY
             | Sensor::MAV_SYS_STATUS_PREARM_CHECK;
-        let mut health = present;
+        // A vehicle without a fence is within it, as on ArduPilot.
+        let mut health = present | Sensor::MAV_SYS_STATUS_GEOFENCE;
         if !self.has_fix(now) {
             health -= Sensor::MAV_SYS_STATUS_SENSOR_GPS | Sensor::MAV_SYS_STATUS_AHRS;
         }
@@ -300,6 +301,7 @@ impl Autopilot {
                 | Can::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
                 | Can::MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
                 | Can::MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_GLOBAL_INT
+                | Can::MAV_PROTOCOL_CAPABILITY_FTP
                 | Can::MAV_PROTOCOL_CAPABILITY_MAVLINK2,
             uid: u64::from(system),
             flight_sw_version: FIRMWARE_VERSION,

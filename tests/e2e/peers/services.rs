@@ -82,7 +82,7 @@ impl Files {
     fn new(folder: &Path) -> Self {
         let root = Root::new(folder, true).expect("it exists");
         Self {
-            server: Server::new(COMPANION, root, 1_000_000),
+            server: Server::new(COMPANION, Some(root), 1_000_000),
             autopilot: Encoder::new(AUTOPILOT),
             companion: Encoder::new(COMPANION),
             heartbeat_due: Stamp::ZERO,
