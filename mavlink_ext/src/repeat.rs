@@ -208,8 +208,8 @@ impl Memory {
 /// Which share of the frames sent to us is lost.
 #[derive(Clone, Debug, Default)]
 pub struct Reception {
-    /// The last sequence number of each sender.
-    last: BTreeMap<Address, u8>,
+    /// The highest sequence number of each sender, and which of the 128 up to it came: the lowest bit is its own.
+    last: BTreeMap<Address, (u8, u128)>,
     /// Frames that came, and that did not, decaying.
     came: f64,
     missing: f64,
@@ -221,30 +221,36 @@ impl Reception {
         Self::default()
     }
 
-    /// A frame came. A copy of the last one says nothing.
+    /// A frame came. A copy of one that came before says nothing.
     pub fn heard(&mut self, frame: &RawFrame) {
         let from = frame.from();
         if !self.last.contains_key(&from) && self.last.len() >= MAX_SENDERS {
             return;
         }
-        let step = match self.last.get(&from) {
-            Some(last) => frame.sequence().wrapping_sub(*last),
-            None => 1,
-        };
-        let keep = 0.5_f64.powf(1.0 / MEMORY_FRAMES);
-        match step {
-            0 => {}
+        let sequence = frame.sequence();
+        let (last, came) = *self
+            .last
+            .entry(from)
+            .or_insert((sequence.wrapping_sub(1), 0));
+        let ahead = sequence.wrapping_sub(last);
+        let (missing, now) = match ahead {
             1..=128 => {
-                self.last.insert(from, frame.sequence());
-                self.came = self.came * keep + 1.0;
-                self.missing = self.missing * keep + f64::from(step - 1);
+                let earlier = came.checked_shl(u32::from(ahead)).unwrap_or(0);
+                (f64::from(ahead - 1), (sequence, earlier | 1))
             }
-            // It was overtaken, and taken for lost.
+            // It was overtaken, and taken for lost; unless it is a copy.
             _ => {
-                self.came = self.came * keep + 1.0;
-                self.missing = (self.missing * keep - 1.0).max(0.0);
+                let bit = 1 << u32::from(last.wrapping_sub(sequence)).min(127);
+                if came & bit != 0 {
+                    return;
+                }
+                (-1.0, (last, came | bit))
             }
-        }
+        };
+        self.last.insert(from, now);
+        let keep = 0.5_f64.powf(1.0 / MEMORY_FRAMES);
+        self.came = self.came * keep + 1.0;
+        self.missing = (self.missing * keep + missing).max(0.0);
     }
 
     /// The share of frames lost lately, 0 to 1; `None` before enough came.
@@ -347,7 +353,7 @@ mod tests {
     }
 
     #[test]
-    fn loss_is_read_from_sequence_numbers_also_where_frames_overtake() {
+    fn loss_is_read_from_sequence_numbers_also_where_frames_overtake_and_come_twice() {
         let mut encoder = Encoder::new(STATION);
         let mut reception = Reception::new();
         assert_eq!(reception.loss(), None);
@@ -356,8 +362,10 @@ mod tests {
             if number % 5 == 0 {
                 reception.heard(&pair[1]); // The other is lost: one frame in ten.
             } else if number % 5 == 2 {
-                reception.heard(&pair[1]);
-                reception.heard(&pair[0]);
+                // Overtaken, and copies of both.
+                for frame in [&pair[1], &pair[0], &pair[1], &pair[0], &pair[0]] {
+                    reception.heard(frame);
+                }
             } else {
                 for frame in pair {
                     reception.heard(frame);

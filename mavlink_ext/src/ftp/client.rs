@@ -54,9 +54,9 @@ pub enum Job {
 /// What came of it.
 #[derive(Clone, Debug, PartialEq, Eq)]
 pub enum Done {
-    /// The file's content; its checksum is right.
+    /// The file's content; its checksum is right, if the server can tell one.
     Downloaded(Vec<u8>),
-    /// It is there; its checksum is right.
+    /// It is there; its checksum is right, if the server can tell one.
     Uploaded,
     /// Names, those of folders with a `/` behind, and sizes of files.
     Listed(Vec<(String, Option<u32>)>),

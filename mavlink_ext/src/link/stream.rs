@@ -141,8 +141,8 @@ impl Stream {
 
     fn keep(open: Opener, name: String, deliver: Deliver) -> io::Result<Self> {
         let peers = Peers::fixed(THE_PEER);
-        Self::start(peers, None, name, deliver, move |shared, name| {
-            keep_open(shared, name, &open);
+        Self::start(peers, None, name, deliver, move |shared, _name| {
+            keep_open(shared, &open);
         })
     }
 
@@ -254,7 +254,7 @@ fn accept(shared: &Arc<Shared>, name: &str, listener: &TcpListener) {
 }
 
 /// Opens the connection and serves it, again and again, until the link is dropped.
-fn keep_open(shared: &Arc<Shared>, _name: &str, open: &Opener) {
+fn keep_open(shared: &Arc<Shared>, open: &Opener) {
     let mut wait = FIRST_PAUSE;
     while !shared.stop.is_due() {
         let ended = open().and_then(|connection| {

@@ -45,14 +45,14 @@ const BASE_SPAN: Duration = Duration::from_secs(10);
 const DRAINING: f64 = 0.5;
 /// A queue gets shorter when less than this share of what the link carries is sent.
 const LITTLE: f64 = 0.85;
+/// If it does not within this and two round trips, it may be none.
+const STUCK: Duration = Duration::from_secs(1);
 /// So many times the target cannot be jitter.
 const REAL: f64 = 4.0;
 /// If less than this share of what used to arrive arrives, buffers overflow.
 const OVERFLOWING: f64 = 0.7;
 /// The share that is lost on the air is averaged over this time.
 const AIR_MEMORY_S: f64 = 3.0;
-/// If it does not within this and two round trips, it may be none.
-const STUCK: Duration = Duration::from_secs(1);
 /// The slowest pace, in bytes per second: a symbol every other second.
 const SLOWEST: f64 = 133.0;
 /// The pace at the start, as a share of the budget.

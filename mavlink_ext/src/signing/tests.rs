@@ -46,8 +46,8 @@ fn a_signed_frame_is_whole_and_taken_once() {
 }
 
 #[test]
-fn the_signature_is_that_of_the_guide() {
-    // Computed with Python's hashlib from the text of the guide, over the same bytes.
+fn the_signature_covers_what_the_guide_says() {
+    // The key, and the frame up to the hash itself. That others read it the same way is for the test with pymavlink.
     let frame = signed(&mut signing(Policy::Required), 0);
     let bytes = frame.bytes();
     let (head, tail) = bytes.split_at(bytes.len() - 6);

@@ -185,6 +185,11 @@ impl Peer {
     /// A sender that restarts counts its transfers, and perhaps its versions, anew.
     fn notice_restart(&mut self, session: u16) {
         if session != self.session {
+            if self.session != 0 {
+                // Of the former session: their numbers begin anew.
+                self.orphans.clear();
+                self.orphan_order.clear();
+            }
             self.session = session;
             self.incoming.clear();
             self.settled.clear();
