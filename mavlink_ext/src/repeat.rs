@@ -233,19 +233,16 @@ impl Reception {
             .entry(from)
             .or_insert((sequence.wrapping_sub(1), 0));
         let ahead = sequence.wrapping_sub(last);
-        let (missing, now) = match ahead {
-            1..=128 => {
-                let earlier = came.checked_shl(u32::from(ahead)).unwrap_or(0);
-                (f64::from(ahead - 1), (sequence, earlier | 1))
-            }
+        let (missing, now) = if (1..=128).contains(&ahead) {
+            let earlier = came.checked_shl(u32::from(ahead)).unwrap_or(0);
+            (f64::from(ahead - 1), (sequence, earlier | 1))
+        } else {
             // It was overtaken, and taken for lost; unless it is a copy.
-            _ => {
-                let bit = 1 << u32::from(last.wrapping_sub(sequence)).min(127);
-                if came & bit != 0 {
-                    return;
-                }
-                (-1.0, (last, came | bit))
+            let bit = 1 << u32::from(last.wrapping_sub(sequence)).min(127);
+            if came & bit != 0 {
+                return;
             }
+            (-1.0, (last, came | bit))
         };
         self.last.insert(from, now);
         let keep = 0.5_f64.powf(1.0 / MEMORY_FRAMES);

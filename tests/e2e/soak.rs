@@ -6,17 +6,17 @@ use std::fs;
 use std::time::Duration;
 
 use maps::time::Stamp;
+use mavlink_ext::Address;
 use mavlink_ext::command::{Client, CommandError, Incoming, Request};
 use mavlink_ext::dialect::tandem::MavResult;
 use mavlink_ext::object::{
     Object, ObjectId, Receiver, ReceiverLimits, Sender, SenderSettings, Service, StreamId,
 };
-use mavlink_ext::repeat::{Duplicates, Reception, Repeater};
 use mavlink_ext::service::Ends;
-use mavlink_ext::{Address, Encoder, Message, RawFrame};
 use rand::{Rng as _, RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64;
 use sitl::link::{Channel, Loss, Outage, Profile};
+use tests::radio::End;
 
 const STATION: Address = Address::new(255, 190);
 const COMPANIONS: [Address; 2] = [Address::new(1, 191), Address::new(2, 191)];
@@ -34,51 +34,6 @@ const FIRST_COMMAND: u16 = 31_010;
 
 fn at(millis: u64) -> Stamp {
     Stamp::ZERO + Duration::from_millis(millis)
-}
-
-/// One end of a link: frames out, frames in, copies of commands made and dropped.
-struct End {
-    encoder: Encoder,
-    out: Channel<RawFrame>,
-    repeater: Repeater,
-    duplicates: Duplicates,
-    reception: Reception,
-}
-
-impl End {
-    fn new(address: Address, profile: &Profile, seed: u64) -> Self {
-        Self {
-            encoder: Encoder::new(address),
-            out: Channel::new(profile.clone(), seed),
-            repeater: Repeater::new(),
-            duplicates: Duplicates::new(),
-            reception: Reception::new(),
-        }
-    }
-
-    fn put(&mut self, now: Stamp, frame: RawFrame) {
-        let bytes = frame.bytes().len();
-        self.out.send(now, frame, bytes);
-    }
-
-    fn send(&mut self, now: Stamp, messages: Vec<Message>) {
-        for message in messages {
-            let frame = self.encoder.encode(&message);
-            self.repeater.sent(now, &frame);
-            self.put(now, frame);
-        }
-        for copy in self.repeater.tick(now) {
-            self.put(now, copy);
-        }
-    }
-
-    fn hear(&mut self, now: Stamp, frame: &RawFrame) -> Option<Message> {
-        let is_copy = !self.duplicates.is_new(now, frame);
-        self.repeater.heard(now, frame, is_copy);
-        self.reception.heard(frame);
-        self.repeater.set_loss(self.reception.loss().unwrap_or(0.0));
-        frame.decode().ok().filter(|_| !is_copy)
-    }
 }
 
 /// A companion that maps, and the link from it to the station and back.
@@ -120,7 +75,10 @@ impl Companion {
             overtake: 0.1,
             ..Profile::of_rate(2e6, Duration::from_millis(50))
         };
-        let mut end = |address| End::new(address, &profile, random.random());
+        let mut end = |address| {
+            let channel = Channel::new(profile.clone(), random.random());
+            End::new(address, channel, true)
+        };
         Self {
             address,
             session: 1,
@@ -171,8 +129,9 @@ impl Companion {
     fn run(&mut self, now: Stamp) {
         let step = self.sender.tick(now);
         self.end.send(now, step.send);
-        for frame in self.station.out.arrived(now) {
-            let Some(message) = self.end.hear(now, &frame) else {
+        self.end.repeat(now);
+        for frame in self.station.channel.arrived(now) {
+            let Some(message) = self.end.heard(now, &frame) else {
                 continue;
             };
             let step = self.sender.handle(now, STATION, &message);
@@ -189,7 +148,7 @@ impl Companion {
     fn disturb(&mut self, now: Stamp, random: &mut Pcg64) {
         let span = Duration::from_millis(random.random_range(500..20_000));
         if random.random_bool(0.5) {
-            for channel in [&mut self.end.out, &mut self.station.out] {
+            for channel in [&mut self.end.channel, &mut self.station.channel] {
                 channel.fail(Outage { from: now, span });
             }
         } else {
@@ -245,8 +204,8 @@ impl Station {
             return;
         }
         let from = companion.address;
-        for frame in companion.end.out.arrived(now) {
-            let Some(message) = companion.station.hear(now, &frame) else {
+        for frame in companion.end.channel.arrived(now) {
+            let Some(message) = companion.station.heard(now, &frame) else {
                 continue;
             };
             let step = self.commands.handle(now, from, &message);
@@ -280,6 +239,7 @@ impl Station {
             let mut messages = reports.clone();
             messages.extend(again.send.clone());
             companion.station.send(now, messages);
+            companion.station.repeat(now);
         }
     }
 }

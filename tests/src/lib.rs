@@ -4,3 +4,4 @@
 pub mod demo;
 pub mod evaluate;
 pub mod program;
+pub mod radio;

@@ -8,13 +8,13 @@ use mavlink_ext::command::{Client, Incoming, Request};
 use mavlink_ext::dialect::Message;
 use mavlink_ext::dialect::tandem::{GLOBAL_POSITION_INT_DATA, MavResult};
 use mavlink_ext::object::{Object, ObjectId, Service, StreamId};
-use mavlink_ext::repeat::{Duplicates, Reception, Repeater};
-use mavlink_ext::wire::{Address, Encoder, RawFrame};
+use mavlink_ext::wire::{Address, RawFrame};
 use rand::{Rng as _, RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64;
 use sitl::link::{Channel, Outage};
 
 use super::{BEV_DEADLINE, Case};
+use crate::radio::End;
 
 pub(super) const UAV: Address = Address::new(1, 191);
 pub(super) const GROUND: Address = Address::new(255, 190);
@@ -102,62 +102,6 @@ pub(super) fn run(case: &Case, transport: impl Transport) -> Run {
         shared,
         alone: team.measure(),
         catch_up: team.catch_up(),
-    }
-}
-
-/// One end of the link, outside of the transport.
-struct End {
-    encoder: Encoder,
-    channel: Channel<RawFrame>,
-    repeats: bool,
-    repeater: Repeater,
-    duplicates: Duplicates,
-    reception: Reception,
-}
-
-impl End {
-    fn new(address: Address, channel: Channel<RawFrame>, repeats: bool) -> Self {
-        Self {
-            encoder: Encoder::new(address),
-            channel,
-            repeats,
-            repeater: Repeater::new(),
-            duplicates: Duplicates::new(),
-            reception: Reception::new(),
-        }
-    }
-
-    fn send(&mut self, now: Stamp, messages: impl IntoIterator<Item = Message>) {
-        for message in messages {
-            let frame = self.encoder.encode(&message);
-            if self.repeats {
-                self.repeater.sent(now, &frame);
-            }
-            self.put(now, frame);
-        }
-    }
-
-    fn repeat(&mut self, now: Stamp) {
-        for frame in self.repeater.tick(now) {
-            self.put(now, frame);
-        }
-    }
-
-    fn put(&mut self, now: Stamp, frame: RawFrame) {
-        let bytes = frame.bytes().len();
-        self.channel.send(now, frame, bytes);
-    }
-
-    /// The message in a frame that came; `None` if it is a copy.
-    fn heard(&mut self, now: Stamp, frame: &RawFrame) -> Option<Message> {
-        let is_copy = !self.duplicates.is_new(now, frame);
-        self.repeater.heard(now, frame, is_copy);
-        if is_copy {
-            return None;
-        }
-        self.reception.heard(frame);
-        self.repeater.set_loss(self.reception.loss().unwrap_or(0.0));
-        frame.decode().ok()
     }
 }
 
