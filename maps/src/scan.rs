@@ -3,7 +3,7 @@
 //! What the rays touch is gathered in bit masks, so that each voxel is updated once a scan however many rays cross it, and
 //! *hit* wins over *free*. Then each touched block gets one pass. Masks join by *or*, which has no order: the map depends
 //! neither on the order of the points (their colours aside) nor on the number of threads. Called within a rayon pool, the
-//! rays and then the tiles are spread over its threads; anywhere else one thread does it all.
+//! points, the rays ([`sectors`]) and then the tiles are spread over its threads; anywhere else one thread does it all.
 //!
 //! Thin things survive ([`Carving::SparesSurfaces`]): a ray that grazes a surface before it ends in it does not wear it away.
 //! A sensor's noise, if it is known, makes what it says of a place weigh less ([`Noise`]).
@@ -14,6 +14,7 @@
 mod masks;
 mod noise;
 mod rays;
+mod sectors;
 mod walk;
 
 use rayon::prelude::*;
@@ -26,7 +27,8 @@ use crate::voxel::grid::{TileNode, block_corner, block_index, voxel_index};
 use crate::voxel::surface::{PackedColor, PackedSeen, Surface};
 use crate::voxel::{ClassId, Rgb, Seen, Sources, VoxelKey, VoxelMap, key_at};
 pub use noise::Noise;
-pub(crate) use rays::Gathered;
+use rays::{Caster, Gathered};
+use sectors::Sectors;
 
 /// Points that one sensor saw at one moment from one place. [`Scan::new`] fills in what a caller has nothing to say of.
 #[derive(Clone, Copy, Debug)]
@@ -97,6 +99,14 @@ pub enum Carving {
     SparesSurfaces,
 }
 
+/// What the scan under way has touched.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Scratch {
+    /// By each thread.
+    parts: Vec<Gathered>,
+    sectors: Sectors,
+}
+
 impl VoxelMap {
     /// Adds a scan. Nothing happens if its origin is outside of the world.
     pub fn insert_scan(&mut self, scan: &Scan<'_>) {
@@ -108,20 +118,25 @@ impl VoxelMap {
             Some(_) => rayon::current_num_threads(),
             None => 1,
         };
-        let mut parts = std::mem::take(&mut self.scratch);
+        let mut scratch = std::mem::take(&mut self.scratch);
+        let Scratch { parts, sectors } = &mut scratch;
         parts.resize_with(threads.max(1), Gathered::default);
-        let cuts = equal_shares(scan, self.resolution_m(), parts.len());
-        let gather = |(i, part): (usize, &mut Gathered)| {
-            part.gather(self, scan, cuts[i]..cuts[i + 1]);
-        };
-        if parts.len() == 1 {
-            parts.iter_mut().enumerate().for_each(gather);
-        } else {
-            parts.par_iter_mut().enumerate().for_each(gather);
-        }
-        self.update(&parts, scan);
+        let caster = Caster::new(self, scan);
+        let count = parts.len();
+        each(parts, |(i, part)| {
+            let cut = |i: usize| scan.hits.len() * i / count;
+            part.gather(&caster, cut(i)..cut(i + 1));
+        });
+        sectors.sort(parts.iter().flat_map(Gathered::rays));
+        let shares = sectors.shares(count);
+        each(parts, |(i, part)| {
+            while let Some(sector) = shares.next(i) {
+                part.cast(&caster, sectors.points(sector));
+            }
+        });
+        self.update(parts, scan);
         parts.iter_mut().for_each(Gathered::clear);
-        self.scratch = parts;
+        self.scratch = scratch;
     }
 
     /// One update for each voxel that is marked, and one version more for each tile that changed.
@@ -184,34 +199,13 @@ impl VoxelMap {
     }
 }
 
-/// Where to cut the points into so many parts, each from a cut to the next, whose rays cross about as many voxels: the beams
-/// of a LiDAR come one after the other, and the upper ones reach ten times as far.
-fn equal_shares(scan: &Scan<'_>, resolution_m: f64, count: usize) -> Vec<usize> {
-    let all = scan.hits.len();
-    if count < 2 {
-        return vec![0, all];
+/// Does something to each of several, if there are several on as many threads.
+fn each<T: Send>(all: &mut [T], work: impl Fn((usize, &mut T)) + Sync + Send) {
+    if all.len() == 1 {
+        all.iter_mut().enumerate().for_each(work);
+    } else {
+        all.par_iter_mut().enumerate().for_each(work);
     }
-    let work = |hit: &Point<World>| {
-        let length_m = (*hit - scan.origin).norm().min(scan.max_range_m.max(0.0));
-        // A point that is no place costs a look.
-        1.0 + if length_m.is_finite() {
-            length_m / resolution_m
-        } else {
-            0.0
-        }
-    };
-    let total: f64 = scan.hits.iter().map(work).sum();
-    let mut cuts = vec![0];
-    let mut done = 0.0;
-    for (i, hit) in scan.hits.iter().enumerate() {
-        done += work(hit);
-        while cuts.len() < count && done >= total * cuts.len() as f64 / count as f64 {
-            cuts.push(i + 1);
-        }
-    }
-    cuts.resize(count, all);
-    cuts.push(all);
-    cuts
 }
 
 /// What a scan does to blocks.

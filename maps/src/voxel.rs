@@ -62,7 +62,7 @@ use std::ops::RangeInclusive;
 use xxhash_rust::xxh3::Xxh3Default;
 
 use crate::frame::{Point, World};
-use crate::scan::Gathered;
+use crate::scan::Scratch;
 use crate::tile::{Tile, TileError, TileId};
 pub use cast::RayHit;
 pub use evict::RestoreError;
@@ -89,8 +89,8 @@ pub struct VoxelMap {
     tiles: Hashed<TileNode>,
     /// The tiles that were handed out, with their versions: what is here of them is not all.
     away: BTreeMap<TileId, u64>,
-    /// What the scan under way has touched; kept between scans for its memory only.
-    pub(crate) scratch: Vec<Gathered>,
+    /// Kept between scans for its memory only.
+    pub(crate) scratch: Scratch,
 }
 
 impl VoxelMap {
@@ -111,7 +111,7 @@ impl VoxelMap {
             resolution_m,
             tiles: Hashed::default(),
             away: BTreeMap::new(),
-            scratch: Vec::new(),
+            scratch: Scratch::default(),
         }
     }
 
@@ -292,7 +292,7 @@ impl VoxelMap {
 
     /// Gives back the memory that insertion keeps from one scan to the next.
     pub fn forget_scratch(&mut self) {
-        self.scratch = Vec::new();
+        self.scratch = Scratch::default();
     }
 
     pub(crate) fn tiles(&self) -> &Hashed<TileNode> {

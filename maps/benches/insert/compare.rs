@@ -16,6 +16,8 @@ use crate::scenes::Scene;
 pub(crate) const RESOLUTION_M: f64 = 0.1;
 const QUERIES: usize = 1_000_000;
 const RAYS: usize = 20_000;
+/// How often threads are timed for each repeat of the rest.
+const THREAD_REPEATS: usize = 5;
 
 pub(crate) struct Settings {
     pub(crate) scene: Option<String>,
@@ -348,41 +350,41 @@ fn files(map: &VoxelMap, mut tree: Referee) {
 
 /// One thread against two, on the wall and by the busiest thread's CPU time.
 fn threads(scene: &Scene, settings: &Settings) {
+    let Ok(pools) = [1, 2]
+        .into_iter()
+        .map(|n| rayon::ThreadPoolBuilder::new().num_threads(n).build())
+        .collect::<Result<Vec<_>, _>>()
+    else {
+        return;
+    };
     let mut digests = Vec::new();
-    let mut walls = Vec::new();
-    let mut busiest = Vec::new();
-    for threads in [1, 2] {
-        let Ok(pool) = rayon::ThreadPoolBuilder::new().num_threads(threads).build() else {
-            return;
-        };
-        let (mut wall, mut busy) = (Vec::new(), Vec::new());
-        for _ in 0..settings.repeats.max(3) {
+    let (mut walls, mut busiest) = ([Vec::new(), Vec::new()], [Vec::new(), Vec::new()]);
+    // They take turns, so that what disturbs one disturbs the other.
+    for _ in 0..THREAD_REPEATS * settings.repeats {
+        for (i, pool) in pools.iter().enumerate() {
             let mut map = VoxelMap::new(RESOLUTION_M);
             let before = pool.broadcast(|_| thread_s());
             let start = wall_s();
             pool.install(|| Ours::ALL[0].0.insert(&mut map, scene));
-            wall.push(wall_s() - start);
+            walls[i].push(wall_s() - start);
             let after = pool.broadcast(|_| thread_s());
-            busy.push(
-                before
-                    .iter()
-                    .zip(after)
-                    .map(|(b, a)| a - b)
-                    .fold(0.0, f64::max),
-            );
+            let busy = before.iter().zip(after).map(|(b, a)| a - b);
+            busiest[i].push(busy.fold(0.0, f64::max));
             digests.push(map.digest());
         }
-        // The least disturbed run counts: the machine may be shared.
-        walls.push(wall.into_iter().fold(f64::INFINITY, f64::min));
-        busiest.push(median(busy));
     }
     assert!(
         digests.windows(2).all(|d| d[0] == d[1]),
         "threads change nothing"
     );
+    let [one, two] = &walls;
+    let ratios = one.iter().zip(two).map(|(one, two)| one / two).collect();
+    let best = |of: &[f64]| of.iter().copied().fold(f64::INFINITY, f64::min);
+    let [busy_one, busy_two] = busiest;
     println!(
-        "two threads: ×{:.2} on the wall (best of each), ×{:.2} by the busiest thread's CPU time; the maps are equal",
-        walls[0] / walls[1],
-        busiest[0] / busiest[1]
+        "two threads: ×{:.2} on the wall (×{:.2} the best of each), ×{:.2} by the busiest thread's CPU time; the maps are equal",
+        median(ratios),
+        best(one) / best(two),
+        median(busy_one) / median(busy_two)
     );
 }

@@ -3,14 +3,8 @@
 //! `cargo bench -p maps --bench insert` prints one table a scene. Times are CPU times of one thread, medians over repeats
 //! in which the libraries take turns; memory is what malloc has handed out for a map, and the peak of a process that does
 //! nothing but build it. Where rays are cut at the greatest range, free space differs in the modes with one ray a voxel: ours
-//! is to the voxel in which the cut ray ends, liboctomap's to the one of the point beyond. Options, after `--`:
-//!
-//! ```text
-//! --scene NAME    only kitti, street, uav or rgbd          --sweeps N    how many sweeps a scene (5)
-//! --repeats N     how often everything is timed (3)        --data DIR    where the recordings are
-//! --test          one small scene, to see that it works    --ours        without liboctomap: to profile
-//! --help          nothing but this
-//! ```
+//! is to the voxel in which the cut ray ends, liboctomap's to the one of the point beyond. Two threads are timed on the wall,
+//! in turns with one: the median of the ratios. `--help`, after `--`, lists the options.
 
 #![expect(clippy::print_stdout, reason = "a bench reports on its output")]
 

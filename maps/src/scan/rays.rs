@@ -3,6 +3,7 @@
 use std::ops::Range;
 
 use super::masks::Masks;
+use super::sectors::{Ray, sector};
 use super::walk::Walk;
 use super::{Carving, Rays, Scan, color_of};
 use crate::frame::{Point, World};
@@ -14,7 +15,7 @@ use crate::voxel::{ClassId, Occupancy, VoxelKey, VoxelMap, floor, key_at};
 
 /// What the points of a scan, or a part of them, have touched.
 #[derive(Clone, Debug, Default)]
-pub(crate) struct Gathered {
+pub(super) struct Gathered {
     /// Crossed by a ray. Has a mask for each block with a hit, too.
     free: Masks,
     /// With a point in it.
@@ -25,6 +26,7 @@ pub(crate) struct Gathered {
     colors: Vec<(VoxelKey, PackedColor)>,
     /// The class of each point.
     classes: Vec<(VoxelKey, ClassId)>,
+    rays: Vec<Ray>,
 }
 
 impl Gathered {
@@ -66,11 +68,17 @@ impl Gathered {
         self.cut.clear();
         self.colors.clear();
         self.classes.clear();
+        self.rays.clear();
     }
 
-    /// Marks what these points of the scan hit and what their rays cross.
-    pub(super) fn gather(&mut self, map: &VoxelMap, scan: &Scan<'_>, points: Range<usize>) {
-        let caster = Caster::new(map, scan);
+    /// The rays that are to be cast.
+    pub(super) fn rays(&self) -> impl Iterator<Item = &Ray> + Clone {
+        self.rays.iter()
+    }
+
+    /// Marks what these points of the scan hit, and says which rays are to be cast.
+    pub(super) fn gather(&mut self, caster: &Caster<'_>, points: Range<usize>) {
+        let scan = caster.scan;
         // Neighbours in an image mostly hit the same voxel.
         let mut last = None;
         for index in points {
@@ -91,14 +99,27 @@ impl Gathered {
                 }
                 is_first
             };
-            match scan.rays {
-                Rays::EachPoint => caster.cast(&mut self.free, end.at, &end),
-                Rays::EachVoxel if is_first => {
-                    let center = [end.key.x, end.key.y, end.key.z].map(|c| f64::from(c) + 0.5);
-                    caster.cast(&mut self.free, center, &end);
-                }
-                Rays::EachVoxel => {}
+            if is_first || scan.rays == Rays::EachPoint {
+                // Memory ends before these numbers do.
+                self.rays.extend(u32::try_from(index).ok().map(|point| Ray {
+                    point,
+                    sector: sector((scan.hits[index] - scan.origin).raw),
+                }));
             }
+        }
+    }
+
+    /// Marks what the rays to these points cross.
+    pub(super) fn cast(&mut self, caster: &Caster<'_>, points: &[u32]) {
+        for &point in points {
+            let Some(end) = caster.end(caster.scan.hits[point as usize]) else {
+                continue;
+            };
+            let towards = match caster.scan.rays {
+                Rays::EachPoint => end.at,
+                Rays::EachVoxel => [end.key.x, end.key.y, end.key.z].map(|c| f64::from(c) + 0.5),
+            };
+            caster.cast(&mut self.free, towards, &end);
         }
     }
 }
@@ -112,7 +133,7 @@ struct End {
 }
 
 /// Casts the rays of one scan.
-struct Caster<'a> {
+pub(super) struct Caster<'a> {
     map: &'a VoxelMap,
     scan: &'a Scan<'a>,
     per_m: f64,
@@ -123,7 +144,7 @@ struct Caster<'a> {
 }
 
 impl<'a> Caster<'a> {
-    fn new(map: &'a VoxelMap, scan: &'a Scan<'a>) -> Self {
+    pub(super) fn new(map: &'a VoxelMap, scan: &'a Scan<'a>) -> Self {
         let per_m = 1.0 / map.resolution_m();
         let reach = scan.max_range_m.max(0.0); // no NaN
         let key = key_at(scan.origin, per_m);

@@ -266,17 +266,3 @@ fn known_noise_makes_a_hit_weigh_less_and_leaves_what_is_near_it_alone() {
     assert_eq!(log_odds(49), None, "within two sigma");
     assert_eq!(log_odds(48), Some(-8));
 }
-
-#[test]
-fn the_beam_that_reaches_far_is_a_share_of_its_own() {
-    // Nine hundred rays of a metre, then a hundred of nine.
-    let end = |i: usize| Point::new(if i < 900 { 1.0 } else { 9.0 }, 0.0, 0.0);
-    let hits: Vec<_> = (0..1000).map(end).collect();
-    let scan = Scan::new(Point::new(0.0, 0.0, 0.0), &hits);
-    assert_eq!(equal_shares(&scan, 0.01, 1), [0, 1000]);
-    let cuts = equal_shares(&scan, 0.01, 2);
-    assert!((895..=905).contains(&cuts[1]), "{cuts:?}");
-    assert_eq!(equal_shares(&scan, 0.01, 3).len(), 4);
-    let nothing = Scan::new(Point::new(0.0, 0.0, 0.0), &[]);
-    assert_eq!(equal_shares(&nothing, 0.01, 3), [0, 0, 0, 0]);
-}
