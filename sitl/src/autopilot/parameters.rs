@@ -1,7 +1,7 @@
 //! Parameters: named numbers that a ground station reads and sets, each of which changes how the vehicle behaves.
 //!
 //! As on `ArduPilot`, every value travels as a float whatever its type says (`MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST`),
-//! and names and units are `ArduPilot`'s where it has such a parameter.
+//! and names, units and types are `ArduPilot`'s where it has such a parameter: clients insist on the type.
 
 use mavlink_ext::Message;
 use mavlink_ext::dialect::char_array;
@@ -9,8 +9,13 @@ use mavlink_ext::dialect::tandem::{MavParamType, PARAM_VALUE_DATA};
 
 use super::mode::Kind;
 
+const INT8: MavParamType = MavParamType::MAV_PARAM_TYPE_INT8;
+const INT16: MavParamType = MavParamType::MAV_PARAM_TYPE_INT16;
+const INT32: MavParamType = MavParamType::MAV_PARAM_TYPE_INT32;
+const REAL: MavParamType = MavParamType::MAV_PARAM_TYPE_REAL32;
+
 macro_rules! parameters {
-    ($($(#[$doc:meta])* $variant:ident = $name:literal, $kind:expr, $default:literal, $low:literal..=$high:literal;)*) => {
+    ($($(#[$doc:meta])* $variant:ident = $name:literal, $stored:ident, $kind:expr, $default:literal, $low:literal..=$high:literal;)*) => {
         /// The parameters.
         #[derive(Clone, Copy, Debug, PartialEq, Eq)]
         pub enum Parameter {
@@ -20,6 +25,7 @@ macro_rules! parameters {
         const TABLE: &[Row] = &[$(Row {
             parameter: Parameter::$variant,
             name: $name,
+            stored: $stored,
             kind: $kind,
             default: $default,
             range: ($low, $high),
@@ -31,6 +37,7 @@ macro_rules! parameters {
 struct Row {
     parameter: Parameter,
     name: &'static str,
+    stored: MavParamType,
     /// Only this kind of vehicle has it.
     kind: Option<Kind>,
     default: f32,
@@ -39,63 +46,63 @@ struct Row {
 
 parameters! {
     /// Largest tilt of a copter, in hundredths of a degree.
-    AngleMax = "ANGLE_MAX", Some(Kind::Copter), 3000.0, 1000.0..=4500.0;
+    AngleMax = "ANGLE_MAX", INT16, Some(Kind::Copter), 3000.0, 1000.0..=4500.0;
     /// 1: arming is refused while a check fails; 0: no checks.
-    ArmingCheck = "ARMING_CHECK", None, 1.0, 0.0..=1.0;
+    ArmingCheck = "ARMING_CHECK", INT32, None, 1.0, 0.0..=1.0;
     /// Steady gain of speed of a rover, m/s².
-    Acceleration = "ATC_ACCEL_MAX", Some(Kind::Rover), 0.6, 0.1..=5.0;
+    Acceleration = "ATC_ACCEL_MAX", REAL, Some(Kind::Rover), 0.6, 0.1..=5.0;
     /// Loss of speed of a rover, m/s².
-    Braking = "ATC_DECEL_MAX", Some(Kind::Rover), 0.5, 0.1..=5.0;
+    Braking = "ATC_DECEL_MAX", REAL, Some(Kind::Rover), 0.5, 0.1..=5.0;
     /// Charge of a full battery, mAh.
-    BatteryCapacity = "BATT_CAPACITY", None, 5200.0, 100.0..=100_000.0;
+    BatteryCapacity = "BATT_CAPACITY", INT32, None, 5200.0, 100.0..=100_000.0;
     /// What a low battery does: 0 warns, 1 lands (a rover holds), 2 returns.
-    BatteryAction = "BATT_FS_LOW_ACT", None, 0.0, 0.0..=2.0;
+    BatteryAction = "BATT_FS_LOW_ACT", INT8, None, 0.0, 0.0..=2.0;
     /// Charge below which the battery is low, mAh. Below it a vehicle does not arm.
-    BatteryLow = "BATT_LOW_MAH", None, 700.0, 0.0..=100_000.0;
+    BatteryLow = "BATT_LOW_MAH", REAL, None, 700.0, 0.0..=100_000.0;
     /// Speed of a rover where nothing else is said, m/s.
-    CruiseSpeed = "CRUISE_SPEED", Some(Kind::Rover), 0.5, 0.05..=1.5;
+    CruiseSpeed = "CRUISE_SPEED", REAL, Some(Kind::Rover), 0.5, 0.05..=1.5;
     /// A copter disarms this long after it stands on the ground without wanting to fly, s; 0 never.
-    DisarmDelay = "DISARM_DELAY", Some(Kind::Copter), 10.0, 0.0..=127.0;
+    DisarmDelay = "DISARM_DELAY", INT8, Some(Kind::Copter), 10.0, 0.0..=127.0;
     /// What silence of the ground station does: 0 goes on and warns, 1 returns, 2 lands (a rover holds).
-    GroundStationAction = "FS_GCS_ENABLE", None, 0.0, 0.0..=2.0;
+    GroundStationAction = "FS_GCS_ENABLE", INT8, None, 0.0, 0.0..=2.0;
     /// How long the ground station may be silent, s.
-    GroundStationTimeout = "FS_GCS_TIMEOUT", None, 5.0, 2.0..=120.0;
+    GroundStationTimeout = "FS_GCS_TIMEOUT", REAL, None, 5.0, 2.0..=120.0;
     /// How fast a copter comes down to land, cm/s.
-    LandSpeed = "LAND_SPEED", Some(Kind::Copter), 40.0, 20.0..=200.0;
+    LandSpeed = "LAND_SPEED", INT16, Some(Kind::Copter), 40.0, 20.0..=200.0;
     /// How far ahead on its path a rover steers, m.
-    LookAhead = "PP_LOOKAHEAD", Some(Kind::Rover), 0.3, 0.1..=5.0;
+    LookAhead = "PP_LOOKAHEAD", REAL, Some(Kind::Rover), 0.3, 0.1..=5.0;
     /// Height above home at which a copter returns, cm; it never descends to return.
-    ReturnHeight = "RTL_ALT", Some(Kind::Copter), 200.0, 50.0..=30_000.0;
+    ReturnHeight = "RTL_ALT", INT32, Some(Kind::Copter), 200.0, 50.0..=30_000.0;
     /// 1: the receiver has no fix, a test of what depends on one.
-    GpsDisable = "SIM_GPS_DISABLE", None, 0.0, 0.0..=1.0;
+    GpsDisable = "SIM_GPS_DISABLE", INT8, None, 0.0, 0.0..=1.0;
     /// Where the wind comes from, degrees from north.
-    WindDirection = "SIM_WIND_DIR", Some(Kind::Copter), 270.0, 0.0..=360.0;
+    WindDirection = "SIM_WIND_DIR", REAL, Some(Kind::Copter), 270.0, 0.0..=360.0;
     /// Mean wind, m/s.
-    WindSpeed = "SIM_WIND_SPD", Some(Kind::Copter), 0.5, 0.0..=20.0;
+    WindSpeed = "SIM_WIND_SPD", REAL, Some(Kind::Copter), 0.5, 0.0..=20.0;
     /// Standard deviation of the gusts along each axis, m/s.
-    WindGusts = "SIM_WIND_TURB", Some(Kind::Copter), 0.2, 0.0..=10.0;
+    WindGusts = "SIM_WIND_TURB", REAL, Some(Kind::Copter), 0.2, 0.0..=10.0;
     /// Rate of `ATTITUDE` where nobody has asked for another, Hz.
-    AttitudeRate = "SR0_EXTRA1", None, 10.0, 0.0..=50.0;
+    AttitudeRate = "SR0_EXTRA1", INT16, None, 10.0, 0.0..=50.0;
     /// Rate of `VFR_HUD`, Hz.
-    HudRate = "SR0_EXTRA2", None, 4.0, 0.0..=50.0;
+    HudRate = "SR0_EXTRA2", INT16, None, 4.0, 0.0..=50.0;
     /// Rate of battery and time, Hz.
-    SlowRate = "SR0_EXTRA3", None, 1.0, 0.0..=50.0;
+    SlowRate = "SR0_EXTRA3", INT16, None, 1.0, 0.0..=50.0;
     /// Rate of status, fix and mission progress, Hz.
-    StatusRate = "SR0_EXT_STAT", None, 2.0, 0.0..=50.0;
+    StatusRate = "SR0_EXT_STAT", INT16, None, 2.0, 0.0..=50.0;
     /// Rate of positions, Hz.
-    PositionRate = "SR0_POSITION", None, 5.0, 0.0..=50.0;
+    PositionRate = "SR0_POSITION", INT16, None, 5.0, 0.0..=50.0;
     /// Tightest turn that a rover is steered to, m; its chassis may allow less.
-    TurnRadius = "TURN_RADIUS", Some(Kind::Rover), 0.45, 0.45..=10.0;
+    TurnRadius = "TURN_RADIUS", REAL, Some(Kind::Rover), 0.45, 0.45..=10.0;
     /// How near a waypoint a copter has to come, cm.
-    CopterWaypointRadius = "WPNAV_RADIUS", Some(Kind::Copter), 20.0, 5.0..=1000.0;
+    CopterWaypointRadius = "WPNAV_RADIUS", REAL, Some(Kind::Copter), 20.0, 5.0..=1000.0;
     /// Speed of a copter between waypoints, cm/s.
-    CopterSpeed = "WPNAV_SPEED", Some(Kind::Copter), 100.0, 10.0..=1000.0;
+    CopterSpeed = "WPNAV_SPEED", REAL, Some(Kind::Copter), 100.0, 10.0..=1000.0;
     /// How fast it comes down between waypoints, cm/s.
-    CopterSpeedDown = "WPNAV_SPEED_DN", Some(Kind::Copter), 80.0, 10.0..=300.0;
+    CopterSpeedDown = "WPNAV_SPEED_DN", REAL, Some(Kind::Copter), 80.0, 10.0..=300.0;
     /// How fast it climbs, cm/s.
-    CopterSpeedUp = "WPNAV_SPEED_UP", Some(Kind::Copter), 100.0, 10.0..=300.0;
+    CopterSpeedUp = "WPNAV_SPEED_UP", REAL, Some(Kind::Copter), 100.0, 10.0..=300.0;
     /// How near a waypoint in the middle of its path a rover has to come, m.
-    RoverWaypointRadius = "WP_RADIUS", Some(Kind::Rover), 0.1, 0.02..=10.0;
+    RoverWaypointRadius = "WP_RADIUS", REAL, Some(Kind::Rover), 0.1, 0.02..=10.0;
 }
 
 /// The parameters of one vehicle.
@@ -141,22 +148,29 @@ impl Parameters {
     }
 
     /// Sets a value, within its range; returns where it is in the list, `None` without such a parameter. What is not a
-    /// number changes nothing.
+    /// number changes nothing, and integers lose their fraction.
     pub fn set(&mut self, name: &str, value: f32) -> Option<usize> {
         let index = self.rows.iter().position(|(row, _)| row.name == name)?;
         let (row, current) = &mut self.rows[index];
         if value.is_finite() {
-            *current = value.clamp(row.range.0, row.range.1);
+            let within = value.clamp(row.range.0, row.range.1);
+            *current = if row.stored == REAL {
+                within
+            } else {
+                (within + 0.01_f32.copysign(within)).trunc() // As ArduPilot: 1.99 is a 2 that lost a little on its way.
+            };
         }
         Some(index)
     }
 
     /// All of them, as they are now.
     pub fn all(&self) -> Vec<mavlink_ext::params::Parameter> {
-        let real = |(row, value): &(&Row, f32)| {
-            mavlink_ext::params::Parameter::real(row.name, f64::from(*value))
+        let told = |(row, value): &(&Row, f32)| mavlink_ext::params::Parameter {
+            name: row.name.to_owned(),
+            value: f64::from(*value),
+            kind: row.stored,
         };
-        self.rows.iter().map(real).collect()
+        self.rows.iter().map(told).collect()
     }
 
     /// Where a parameter is in the list.
@@ -187,7 +201,7 @@ impl Parameters {
             param_count: self.rows.len() as u16,
             param_index: index as u16,
             param_id: char_array(row.name),
-            param_type: MavParamType::MAV_PARAM_TYPE_REAL32,
+            param_type: row.stored,
         }))
     }
 }
@@ -231,5 +245,19 @@ mod tests {
         assert!(parameters.set("WP_RADIUS", f32::NAN).is_some());
         assert!((parameters.get(Parameter::RoverWaypointRadius) - 10.0).abs() < 1e-9);
         assert_eq!(parameters.set("NO_SUCH", 1.0), None);
+    }
+
+    #[test]
+    fn integers_stay_integers() {
+        let mut parameters = Parameters::new(Kind::Copter);
+        for (asked, kept) in [(1.0, 1.0), (1.5, 1.0), (1.995, 2.0), (0.2, 0.0)] {
+            let index = parameters.set("FS_GCS_ENABLE", asked).expect("it has one");
+            assert!((parameters.get(Parameter::GroundStationAction) - kept).abs() < 1e-9);
+            let Some(Message::PARAM_VALUE(told)) = parameters.message(index) else {
+                panic!("parameter {index} has no message");
+            };
+            assert_eq!(told.param_type, MavParamType::MAV_PARAM_TYPE_INT8);
+            assert_eq!(parameters.all()[index].kind, told.param_type);
+        }
     }
 }
