@@ -31,6 +31,9 @@ pub struct ChannelStats {
     pub arrived: u64,
 }
 
+/// The largest frame of MAVLink 2, without a signature. Bursts are counted in these.
+const FULL_FRAME_BYTES: f64 = 280.0;
+
 /// One direction of a link. `T` is what travels.
 #[derive(Clone, Debug)]
 pub struct Channel<T> {
@@ -41,8 +44,9 @@ pub struct Channel<T> {
     /// When each frame in the buffer leaves, and its bytes.
     buffer: VecDeque<(Stamp, usize)>,
     buffered: usize,
-    /// Whether losses come in a burst now.
+    /// Whether the last frame fell into a burst of losses, and when it left.
     is_bad: bool,
+    last_left: Stamp,
     /// By arrival; what arrives at once, in the order sent.
     under_way: BTreeMap<(Stamp, u64), T>,
     /// Frames arrive in order, but for those that overtake.
@@ -60,6 +64,7 @@ impl<T: Clone> Channel<T> {
             buffer: VecDeque::new(),
             buffered: 0,
             is_bad: false,
+            last_left: Stamp::ZERO,
             under_way: BTreeMap::new(),
             last_arrival: Stamp::ZERO,
             stats: ChannelStats::default(),
@@ -74,7 +79,7 @@ impl<T: Clone> Channel<T> {
             self.stats.dropped += 1;
             return;
         };
-        if self.loses() || self.profile.outages.iter().any(|o| o.covers(left)) {
+        if self.loses(left) || self.profile.outages.iter().any(|o| o.covers(left)) {
             self.stats.lost += 1;
             return;
         }
@@ -108,13 +113,15 @@ impl<T: Clone> Channel<T> {
         Some(self.busy_until)
     }
 
-    fn loses(&mut self) -> bool {
+    fn loses(&mut self, left: Stamp) -> bool {
         match self.profile.loss {
             Loss::Even(share) => self.happens(share),
-            Loss::Bursts { share, length } => {
-                let (begins, ends) = Loss::transitions(share, length);
-                let changes = if self.is_bad { ends } else { begins };
-                self.is_bad ^= self.happens(changes);
+            loss @ Loss::Bursts { .. } => {
+                let passed = left.since(std::mem::replace(&mut self.last_left, left));
+                // Where frames take no time, they are the clock.
+                let frames = (self.profile.bytes_per_second)
+                    .map_or(1.0, |rate| passed.as_secs_f64() * rate / FULL_FRAME_BYTES);
+                self.is_bad = self.happens(loss.chance_after(frames, self.is_bad));
                 self.is_bad
             }
         }

@@ -30,11 +30,12 @@ pub struct Profile {
 pub enum Loss {
     /// Each with this probability.
     Even(f64),
-    /// All of a burst.
+    /// All of a burst. It is the channel that fades: a burst passes whether or not anything is sent meanwhile.
     Bursts {
-        /// Share of the frames that are lost in the long run.
+        /// Share of the time, and so of the frames, that is lost in the long run.
         share: f64,
-        /// Frames in a burst, on average; at least 1.
+        /// Full frames of MAVLink (280 bytes) that a burst would take, on average; at least 1. Frames of any size, where
+        /// the rate has no limit.
         length: f64,
     },
 }
@@ -43,12 +44,16 @@ impl Loss {
     /// No loss.
     pub const NONE: Self = Self::Even(0.0);
 
-    /// The probabilities that a burst begins with a frame and that one ends with it, so that the share of frames in
-    /// bursts is `begins / (begins + ends)`.
-    pub(super) fn transitions(share: f64, length: f64) -> (f64, f64) {
-        let ends = 1.0 / length.max(1.0);
-        let begins = ends * share / (1.0 - share).max(1e-9);
-        (begins.min(1.0), ends)
+    /// How probable a loss is, so many full frames after one that was lost or not: the two states of Gilbert and Elliott.
+    pub(super) fn chance_after(self, frames: f64, was_lost: bool) -> f64 {
+        let (share, length) = match self {
+            Self::Even(share) => return share,
+            Self::Bursts { share, length } => (share.min(1.0 - 1e-9), length.max(1.0)),
+        };
+        // A burst ends with a frame once in `length` times, and one begins so often that the share comes true.
+        let changes = (1.0 / length / (1.0 - share)).min(1.0);
+        let remembered = (1.0 - changes).powf(frames);
+        share + (f64::from(u8::from(was_lost)) - share) * remembered
     }
 }
 

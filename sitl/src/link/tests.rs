@@ -68,9 +68,9 @@ fn check_loss(loss: Loss, share: f64, length: f64) {
         loss,
         ..Profile::IDEAL
     };
-    let (arrivals, stats) = journey(profile, 1, 40_000);
+    let (arrivals, stats) = journey(profile, 1, 200_000);
     assert!(
-        (stats.lost as f64 / 40_000.0 - share).abs() < 0.02,
+        (stats.lost as f64 / 200_000.0 - share).abs() < 0.02,
         "{stats:?}"
     );
     let bursts = arrivals
@@ -100,6 +100,39 @@ fn losses_are_as_many_and_as_bursty_as_asked() {
         0.05,
         5.0,
     );
+}
+
+#[test]
+fn a_burst_passes_while_nothing_is_sent_and_small_frames_do_not_shorten_it() {
+    // A full frame takes 10 ms: bursts of 100 ms.
+    let loss = Loss::Bursts {
+        share: 0.2,
+        length: 10.0,
+    };
+    let profile = Profile {
+        loss,
+        ..Profile::of_rate(8.0 * 28_000.0, Duration::ZERO)
+    };
+    let lost_after_lost = |every_ms: u64| {
+        let mut channel = Channel::new(profile.clone(), 5);
+        let mut lost = Vec::new();
+        for i in 0..200_000 {
+            let before = channel.stats().lost;
+            channel.send(at(i * every_ms), (), 20);
+            lost.push(channel.stats().lost > before);
+        }
+        let pairs = lost.windows(2).filter(|pair| pair[0]);
+        let (count, both) = pairs.fold((0, 0), |(count, both), pair| {
+            (count + 1, both + u32::from(pair[1]))
+        });
+        let share = f64::from(count) / 200_000.0;
+        assert!((share - 0.2).abs() < 0.03, "{share} lost");
+        f64::from(both) / f64::from(count)
+    };
+    let [close, apart, far] = [1, 50, 2000].map(lost_after_lost);
+    assert!((close - 0.99).abs() < 0.01, "{close}");
+    assert!((apart - 0.63).abs() < 0.06, "{apart}");
+    assert!((far - 0.2).abs() < 0.03, "{far}: each for itself");
 }
 
 #[test]
