@@ -19,6 +19,7 @@ use maps::tile::Tile;
 use maps::time::Stamp;
 use maps::voxel::VoxelMap;
 use mavlink_ext::dialect::tandem::{HEARTBEAT_DATA, MavAutopilot, MavType};
+use mavlink_ext::object::digest::{Asker, Item};
 use mavlink_ext::object::{Receiver, ReceiverLimits};
 use mavlink_ext::{Address, Encoder, Message};
 use room::Room;
@@ -41,6 +42,7 @@ fn settings(out: &Path, source: &Path) -> Settings {
 struct Station {
     encoder: Encoder,
     receiver: Receiver,
+    asker: Asker,
     map: VoxelMap,
     status: Option<(u64, u8)>,
 }
@@ -50,6 +52,7 @@ impl Station {
         Self {
             encoder: Encoder::new(STATION),
             receiver: Receiver::new(STATION, 1, ReceiverLimits::default()),
+            asker: Asker::new(STATION, 1),
             map: VoxelMap::new(resolution_m),
             status: None,
         }
@@ -59,10 +62,14 @@ impl Station {
         if let Message::TANDEM_STATUS(status) = message {
             self.status = Some((status.map_digest, status.flags));
         }
-        let step = self.receiver.handle(now, Address::new(1, 191), message);
+        let from = Address::new(1, 191);
+        self.asker.handle(now, from, message);
+        let step = self.receiver.handle(now, from, message);
         for received in step.events {
             let tile = Tile::decode(&received.bytes).expect("a sound tile");
             self.map.set_tile(&tile).expect("of our resolution");
+            let item = Item::new(tile.version, &received.bytes);
+            self.asker.has(now, from, tile.id, item);
         }
         step.send
     }
@@ -90,7 +97,8 @@ fn fly(settings: &Settings, events: &Queue<(Stamp, Event)>, figures: Figures) ->
             ended = matches!(event, Event::SourceEnded(_));
             happened.push(event);
         }
-        let reports = station.receiver.tick(now).send;
+        let mut reports = station.receiver.tick(now).send;
+        reports.extend(station.asker.tick(now));
         for message in inbox.into_iter().chain(reports) {
             let frame = station.encoder.encode(&message);
             happened.push(Event::Received(LinkId::Ground, frame));

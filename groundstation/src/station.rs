@@ -21,6 +21,7 @@ use maps::tile::TileId;
 use maps::time::Stamp;
 use mavlink_ext::dialect::tandem::{HEARTBEAT_DATA, MavAutopilot, MavModeFlag, MavState, MavType};
 use mavlink_ext::link::LinkStats;
+use mavlink_ext::object::digest::Asker;
 use mavlink_ext::object::{Receiver, ReceiverLimits};
 use mavlink_ext::statustext::Listener;
 use mavlink_ext::{Address, ComponentId, Encoder, Message, RawFrame, SystemId};
@@ -97,6 +98,8 @@ pub struct Station {
     conversations: orders::Conversations,
     transfers: BTreeMap<SystemId, transfers::Conversation>,
     receiver: Receiver,
+    /// Asks companions for what the map lacks.
+    asker: Asker,
     asked_at: BTreeMap<SystemId, Stamp>,
     path_number: u64,
     /// The number of each vehicle's newest path: older outcomes are thrown away.
@@ -131,6 +134,7 @@ impl Station {
             conversations: orders::Conversations::default(),
             transfers: BTreeMap::new(),
             receiver: Receiver::new(own, session, ReceiverLimits::default()),
+            asker: Asker::new(own, session),
             asked_at: BTreeMap::new(),
             path_number: 0,
             newest_path: BTreeMap::new(),

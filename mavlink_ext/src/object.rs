@@ -11,13 +11,15 @@
 //! ```
 //!
 //! - The pace is what the link carries without anything waiting in its buffers, up to a budget: commands wait there, too.
-//! - A receiver that starts late or restarts is noticed by the session in its reports; reliable objects go again.
+//! - A receiver that starts late or restarts is noticed by the session in its reports. What it lacks of a map it asks for
+//!   ([`digest`]); the sender keeps nothing that was delivered.
 //! - A newer version of the same key replaces an older one that waits; one under way is finished first, so that an object
 //!   which changes often gets through at all.
 //! - Both sides are bounded in objects and bytes, the receiver also in age; a checksum (CRC32C) guards each object.
 //!
 //! Both ends are pure. [`Sender::tick`] wants to be called every 10 to 20 ms.
 
+pub mod digest;
 mod estimate;
 mod fountain;
 mod pace;

@@ -1,8 +1,9 @@
 //! Every message of Tandem's own survives the wire, whatever its fields hold.
 
 use mavlink_ext::dialect::tandem::{
-    TANDEM_BEV_DATA, TANDEM_BOX_DATA, TANDEM_DIGEST_DATA, TANDEM_OBJECT_DATA, TANDEM_ORIGIN_DATA,
-    TANDEM_REPORT_DATA, TANDEM_STATUS_DATA, TANDEM_SYMBOL_DATA,
+    TANDEM_BEV_DATA, TANDEM_BOX_DATA, TANDEM_DIGEST_ACK_DATA, TANDEM_DIGEST_DATA,
+    TANDEM_OBJECT_DATA, TANDEM_ORIGIN_DATA, TANDEM_REPORT_DATA, TANDEM_STATUS_DATA,
+    TANDEM_SYMBOL_DATA,
 };
 use mavlink_ext::dialect::{CATALOGUE, MessageExt, TANDEM_IDS};
 use mavlink_ext::{Address, Encoder, Message, RawFrame};
@@ -39,11 +40,12 @@ impl Bytes<'_> {
 fn messages(bytes: &[u8]) -> Vec<Message> {
     let b = &mut Bytes(bytes.iter().cycle());
     let mut messages = transport_messages(b).to_vec();
+    messages.extend(digest_messages(b));
     messages.extend(perception_messages(b));
     messages
 }
 
-fn transport_messages(b: &mut Bytes<'_>) -> [Message; 6] {
+fn transport_messages(b: &mut Bytes<'_>) -> [Message; 5] {
     [
         Message::TANDEM_ORIGIN(TANDEM_ORIGIN_DATA {
             lat: b.i32(),
@@ -86,17 +88,6 @@ fn transport_messages(b: &mut Bytes<'_>) -> [Message; 6] {
             count: b.u8(),
             states: std::array::from_fn(|_| b.u8()),
         }),
-        Message::TANDEM_DIGEST(TANDEM_DIGEST_DATA {
-            digest: b.u64(),
-            tiles: b.u32(),
-            x: b.i32(),
-            y: b.i32(),
-            z: b.i32(),
-            target_system: b.u8(),
-            target_component: b.u8(),
-            level: b.u8(),
-            stream: b.u8(),
-        }),
         Message::TANDEM_STATUS(TANDEM_STATUS_DATA {
             time_usec: b.u64(),
             map_digest: b.u64(),
@@ -116,6 +107,37 @@ fn transport_messages(b: &mut Bytes<'_>) -> [Message; 6] {
             mode_reason: b.u8(),
             tracking: b.u8(),
             flags: b.u8(),
+        }),
+    ]
+}
+
+fn digest_messages(b: &mut Bytes<'_>) -> [Message; 2] {
+    [
+        Message::TANDEM_DIGEST(TANDEM_DIGEST_DATA {
+            salt: b.u32(),
+            x: b.u32(),
+            y: b.u32(),
+            z: b.u32(),
+            target_system: b.u8(),
+            target_component: b.u8(),
+            stream: b.u8(),
+            level: b.u8(),
+            hashes: std::array::from_fn(|_| b.u8()),
+        }),
+        Message::TANDEM_DIGEST_ACK(TANDEM_DIGEST_ACK_DATA {
+            differing: b.u64(),
+            salt: b.u32(),
+            x: b.u32(),
+            y: b.u32(),
+            z: b.u32(),
+            inner_x: b.u32(),
+            inner_y: b.u32(),
+            inner_z: b.u32(),
+            target_system: b.u8(),
+            target_component: b.u8(),
+            stream: b.u8(),
+            level: b.u8(),
+            inner_level: b.u8(),
         }),
     ]
 }

@@ -5,12 +5,15 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::time::Duration;
 
+use maps::tile::TileId;
 use maps::time::Stamp;
 use mavlink_ext::Address;
+use mavlink_ext::Message;
 use mavlink_ext::command::{Client, CommandError, Incoming, Request};
-use mavlink_ext::dialect::tandem::MavResult;
+use mavlink_ext::dialect::tandem::{MavResult, TANDEM_STATUS_DATA};
+use mavlink_ext::object::digest::{Answerer, Asker, Item};
 use mavlink_ext::object::{
-    Object, ObjectId, Receiver, ReceiverLimits, Sender, SenderSettings, Service, StreamId,
+    Object, ObjectId, OfferError, Receiver, ReceiverLimits, Sender, SenderSettings, Service,
 };
 use mavlink_ext::service::Ends;
 use rand::{Rng as _, RngExt as _, SeedableRng as _};
@@ -32,6 +35,15 @@ const KEYS: u64 = 40;
 /// Numbers that MAVLink leaves to users.
 const FIRST_COMMAND: u16 = 31_010;
 
+/// A map of 8 × 5 tiles.
+fn tile(key: u64) -> TileId {
+    TileId {
+        x: (key % 8) as i32,
+        y: (key / 8) as i32,
+        z: 0,
+    }
+}
+
 fn at(millis: u64) -> Stamp {
     Stamp::ZERO + Duration::from_millis(millis)
 }
@@ -41,12 +53,15 @@ struct Companion {
     address: Address,
     session: u16,
     sender: Sender,
+    answerer: Answerer,
     /// The newest version of each key, and its content.
     tiles: BTreeMap<u64, (u64, Vec<u8>)>,
     end: End,
     station: End,
     /// Until when nothing comes out of the link, but is not lost.
     stalled_until: Stamp,
+    /// Versions of tiles that were sent, or sent again.
+    offered: usize,
     /// Commands carried out, with those that were asked for again.
     obeyed: u32,
 }
@@ -83,27 +98,29 @@ impl Companion {
             address,
             session: 1,
             sender: sender(Stamp::ZERO, address, 1),
+            answerer: Answerer::default(),
             tiles: BTreeMap::new(),
             end: end(address),
             station: end(STATION),
             stalled_until: Stamp::ZERO,
+            offered: 0,
             obeyed: 0,
         }
     }
 
     fn offer(&mut self, now: Stamp, key: u64) {
         let (version, bytes) = &self.tiles[&key];
-        let id = ObjectId {
-            stream: StreamId::TILE,
-            key,
-            version: *version,
-        };
+        let id = ObjectId::of_tile(tile(key), *version).expect("near the origin");
         let object = Object {
             id,
             service: Service::Reliable,
             bytes: bytes.clone(),
         };
-        self.sender.offer(now, object).expect("room for it");
+        match self.sender.offer(now, object) {
+            Ok(()) => self.offered += 1,
+            Err(OfferError::Outdated { .. }) => {} // on its way
+            Err(error) => panic!("{error}"),
+        }
     }
 
     /// A tile changes.
@@ -112,17 +129,36 @@ impl Companion {
         let mut bytes = vec![0; random.random_range(500..12_000)];
         random.fill_bytes(&mut bytes);
         let version = self.tiles.get(&key).map_or(1, |(version, _)| version + 1);
+        self.answerer.has(tile(key), Item::new(version, &bytes));
         self.tiles.insert(key, (version, bytes));
         self.offer(now, key);
     }
 
-    /// The program starts anew with the map that it has on its disk.
+    /// The program starts anew with the map that it has on its disk. What the station has of it, it is asked.
     fn restart(&mut self, now: Stamp) {
         self.session += 1;
         self.sender = sender(now, self.address, self.session);
-        let keys: Vec<u64> = self.tiles.keys().copied().collect();
-        for key in keys {
-            self.offer(now, key);
+    }
+
+    /// The station asks what is new.
+    fn answer(&mut self, now: Stamp, message: &Message) {
+        let ends = Ends {
+            own: self.address,
+            peer: STATION,
+        };
+        let Some(answer) = self.answerer.handle(now, ends, STATION, message) else {
+            return;
+        };
+        self.end.send(now, vec![answer.message]);
+        for (key, (version, _)) in self.tiles.clone() {
+            let id = ObjectId::of_tile(tile(key), version).expect("near the origin");
+            if answer.same.contains(&tile(key)) {
+                self.sender.is_there(id);
+            }
+            if answer.lacking.contains(&tile(key)) {
+                self.sender.is_lacking(id.stream, id.key);
+                self.offer(now, key);
+            }
         }
     }
 
@@ -136,12 +172,34 @@ impl Companion {
             };
             let step = self.sender.handle(now, STATION, &message);
             self.end.send(now, step.send);
+            self.answer(now, &message);
             if let Some(command) = Incoming::parse(self.address, STATION, &message) {
                 self.obeyed += 1;
                 let ack = command.ack(MavResult::MAV_RESULT_ACCEPTED);
                 self.end.send(now, vec![ack]);
             }
         }
+    }
+
+    /// At the end the station has every tile, and few went more often than they changed.
+    fn check(&self, station: &Station) {
+        for (key, content) in &self.tiles {
+            let has = station.has.get(&(self.address, tile(*key)));
+            assert!(
+                has == Some(content),
+                "tile {key} of {} is stale",
+                self.address
+            );
+        }
+        // Those of the half of the tiles that the station lost, and what was under way when one of them started anew.
+        let again = self.offered - (SOAK_MS / 250) as usize;
+        assert!(
+            (1..=60).contains(&again),
+            "{again} tiles were sent again by {}",
+            self.address
+        );
+        let stats = self.sender.stats(at(SOAK_MS + SETTLED_MS));
+        assert!(self.sender.is_idle(), "{stats:?}");
     }
 
     /// The link breaks, or stalls, now and then.
@@ -160,8 +218,9 @@ impl Companion {
 /// The station: what it has of both maps, and its commands.
 struct Station {
     receiver: Receiver,
+    asker: Asker,
     session: u32,
-    has: BTreeMap<(Address, u64), (u64, Vec<u8>)>,
+    has: BTreeMap<(Address, TileId), (u64, Vec<u8>)>,
     commands: Client,
     asked: u32,
     answered: u32,
@@ -173,6 +232,7 @@ impl Station {
         let session = 1;
         Self {
             receiver: Receiver::new(STATION, session, ReceiverLimits::default()),
+            asker: Asker::new(STATION, session),
             session,
             has: BTreeMap::new(),
             commands: Client::new(STATION),
@@ -182,11 +242,17 @@ impl Station {
         }
     }
 
-    /// The program starts anew: what it had is lost. Commands under way are still waited for, so as to count them.
-    fn restart(&mut self) {
+    /// The program starts anew with what it had on its disk: half of the tiles. Commands under way are still waited for, so
+    /// as to count them.
+    fn restart(&mut self, now: Stamp) {
         self.session += 1;
         self.receiver = Receiver::new(STATION, self.session, ReceiverLimits::default());
-        self.has.clear();
+        self.asker = Asker::new(STATION, self.session);
+        self.has.retain(|(_, tile), _| tile.x % 2 == 0);
+        for ((from, tile), (version, bytes)) in &self.has {
+            let item = Item::new(*version, bytes);
+            self.asker.has(now, *from, *tile, item);
+        }
     }
 
     fn ended(&mut self, outcomes: Vec<mavlink_ext::command::Outcome>) {
@@ -210,12 +276,15 @@ impl Station {
             };
             let step = self.commands.handle(now, from, &message);
             self.ended(step.events);
+            self.asker.handle(now, from, &message);
             let step = self.receiver.handle(now, from, &message);
             companion.station.send(now, step.send);
             for received in step.events {
-                let place = (from, received.id.key);
+                let tile = received.id.tile().expect("a tile");
+                let item = Item::new(received.id.version, &received.bytes);
+                self.asker.has(now, from, tile, item);
                 self.has
-                    .insert(place, (received.id.version, received.bytes));
+                    .insert((from, tile), (received.id.version, received.bytes));
             }
         }
     }
@@ -231,7 +300,8 @@ impl Station {
     }
 
     fn tick(&mut self, now: Stamp, companions: &mut [Companion]) {
-        let reports = self.receiver.tick(now).send;
+        let mut reports = self.receiver.tick(now).send;
+        reports.extend(self.asker.tick(now));
         let again = self.commands.tick(now);
         self.ended(again.events);
         for companion in companions {
@@ -268,6 +338,12 @@ fn ten_minutes_of_bad_links_lose_no_tile_no_command_and_no_memory() {
             if soaks && millis % 250 == 0 {
                 companion.map(now, &mut random);
             }
+            if millis % 1000 == 0 {
+                let status = TANDEM_STATUS_DATA::default();
+                companion
+                    .end
+                    .send(now, vec![Message::TANDEM_STATUS(status)]);
+            }
             if soaks && millis % 30_000 == 15_000 {
                 companion.disturb(now, &mut random);
             }
@@ -287,7 +363,7 @@ fn ten_minutes_of_bad_links_lose_no_tile_no_command_and_no_memory() {
         match millis {
             m if m == 3 * MINUTE => early = resident_bytes(),
             m if m == 4 * MINUTE => companions[0].restart(now),
-            m if m == 7 * MINUTE => station.restart(),
+            m if m == 7 * MINUTE => station.restart(now),
             _ => {}
         }
     }
@@ -297,19 +373,7 @@ fn ten_minutes_of_bad_links_lose_no_tile_no_command_and_no_memory() {
         "{grown} bytes more than after three minutes"
     );
     for companion in &companions {
-        for (key, tile) in &companion.tiles {
-            let has = station.has.get(&(companion.address, *key));
-            assert!(
-                has == Some(tile),
-                "tile {key} of {} is stale",
-                companion.address
-            );
-        }
-        assert!(
-            companion.sender.is_idle(),
-            "{:?}",
-            companion.sender.stats(at(SOAK_MS))
-        );
+        companion.check(&station);
     }
     let Station {
         asked,

@@ -1,16 +1,20 @@
 //! The map on its way to the ground station.
 //!
 //! The newest version of every tile is kept, encoded. The first ground station that is heard on the ground link gets
-//! them all through the object transport; if it falls silent and another one is heard, that one does.
+//! through the object transport what changes, and what it asks for because it lacks it; if it falls silent and another one
+//! is heard, that one does.
 
-use std::collections::{BTreeMap, BTreeSet};
+mod backlog;
+
+use std::collections::BTreeMap;
 use std::time::Duration;
 
 use maps::tile::TileId;
 use maps::time::Stamp;
 use mavlink_ext::dialect::tandem::MavType;
+use mavlink_ext::object::digest::{Answerer, Item};
 use mavlink_ext::object::{
-    Object, ObjectId, OfferError, Sender, SenderEvent, SenderSettings, Service,
+    Object, ObjectId, OfferError, Sender, SenderEvent, SenderSettings, Service, StreamId,
 };
 use mavlink_ext::presence::LOST_AFTER;
 use mavlink_ext::service::Ends;
@@ -18,6 +22,7 @@ use mavlink_ext::{Address, Message};
 
 use crate::histogram::Histogram;
 use crate::pipeline::EncodedTile;
+use backlog::Backlog;
 
 /// Sends map tiles to one ground station at a time.
 pub(super) struct MapLink {
@@ -26,7 +31,11 @@ pub(super) struct MapLink {
     bytes_per_second: u32,
     tiles: BTreeMap<TileId, EncodedTile>,
     /// Tiles whose newest version the sender has not taken yet.
-    backlog: BTreeSet<TileId>,
+    backlog: Backlog,
+    /// What there is, to compare with what the ground station has.
+    answerer: Answerer,
+    /// Answers to the ground station's questions.
+    answers: Vec<Message>,
     station: Option<Station>,
     offered: u64,
     /// Versions replaced by newer ones at former ground stations before they were sent.
@@ -48,7 +57,9 @@ impl MapLink {
             session,
             bytes_per_second,
             tiles: BTreeMap::new(),
-            backlog: BTreeSet::new(),
+            backlog: Backlog::default(),
+            answerer: Answerer::default(),
+            answers: Vec::new(),
             station: None,
             offered: 0,
             replaced: 0,
@@ -59,7 +70,12 @@ impl MapLink {
     /// Takes new versions of tiles.
     pub(super) fn offer(&mut self, now: Stamp, tiles: Vec<EncodedTile>) {
         for tile in tiles {
-            self.backlog.insert(tile.id);
+            self.answerer
+                .has(tile.id, Item::new(tile.version, &tile.bytes));
+            // Who is not there yet asks for it later.
+            if self.station.is_some() {
+                self.backlog.push(tile.id);
+            }
             self.tiles.insert(tile.id, tile);
         }
         self.hand_over(now);
@@ -75,18 +91,34 @@ impl MapLink {
         let Some(station) = &mut self.station else {
             return;
         };
+        let ends = Ends {
+            own: self.own,
+            peer: station.address,
+        };
+        if let Some(answer) = self.answerer.handle(now, ends, from, message) {
+            self.answers.push(answer.message);
+            for tile in answer.same {
+                let known = self.tiles.get(&tile);
+                let id = known.and_then(|known| ObjectId::of_tile(tile, known.version));
+                if let Some(id) = id {
+                    station.sender.is_there(id);
+                }
+            }
+            for tile in answer.lacking {
+                if let Some(id) = ObjectId::of_tile(tile, 0) {
+                    station.sender.is_lacking(StreamId::TILE, id.key);
+                    self.backlog.push(tile);
+                }
+            }
+        }
         for event in station.sender.handle(now, from, message).events {
             match event {
                 SenderEvent::Delivered { after, .. } => self.delays.add(after),
                 SenderEvent::Refused(id) => {
                     tracing::warn!(%id, "the ground station refuses a tile");
                 }
-                // Tiles have no deadline.
-                SenderEvent::Expired(_) => {}
-                SenderEvent::ReceiverRestarted { forgotten, .. } => {
-                    self.backlog
-                        .extend(forgotten.into_iter().filter_map(ObjectId::tile));
-                }
+                // Tiles have no deadline; and a ground station that has started anew asks for what it lacks.
+                SenderEvent::Expired(_) | SenderEvent::ReceiverRestarted { .. } => {}
             }
         }
     }
@@ -94,8 +126,11 @@ impl MapLink {
     /// Lets time pass: what to send to the ground station.
     pub(super) fn tick(&mut self, now: Stamp) -> Vec<Message> {
         self.hand_over(now);
-        let station = self.station.as_mut();
-        station.map_or(Vec::new(), |station| station.sender.tick(now).send)
+        let mut send = std::mem::take(&mut self.answers);
+        if let Some(station) = &mut self.station {
+            send.extend(station.sender.tick(now).send);
+        }
+        send
     }
 
     /// Versions of tiles that were sent, or wait to be: those offered less those replaced by newer ones before.
@@ -114,7 +149,7 @@ impl MapLink {
     /// Bytes of tiles that wait or are under way.
     pub(super) fn queued_bytes(&self, now: Stamp) -> usize {
         let station = self.station.as_ref();
-        let backlog = self.backlog.iter().filter_map(|id| self.tiles.get(id));
+        let backlog = self.backlog.iter().filter_map(|id| self.tiles.get(&id));
         let waiting: usize = backlog.map(|tile| tile.bytes.len()).sum();
         waiting + station.map_or(0, |station| station.sender.stats(now).bytes_pending)
     }
@@ -159,8 +194,9 @@ impl MapLink {
             last_heartbeat: now,
             sender: Sender::new(now, ends, self.session, settings),
         });
-        self.backlog = self.tiles.keys().copied().collect();
-        self.hand_over(now);
+        // What it has of the map, it will say.
+        self.backlog = Backlog::default();
+        self.answers.clear();
     }
 
     /// Gives the sender what it has not taken yet, for as long as it has room.
@@ -168,7 +204,7 @@ impl MapLink {
         let Some(station) = &mut self.station else {
             return;
         };
-        while let Some(id) = self.backlog.first().copied() {
+        while let Some(id) = self.backlog.first() {
             let object = self.tiles.get(&id).and_then(|tile| {
                 let id = ObjectId::of_tile(tile.id, tile.version)?;
                 Some(Object {
@@ -186,7 +222,7 @@ impl MapLink {
                 // It has that version already.
                 Some(Err(OfferError::Outdated { .. })) | None => {}
             }
-            self.backlog.remove(&id);
+            self.backlog.pop();
         }
     }
 }

@@ -8,6 +8,7 @@ use mavlink_ext::dialect::tandem::{
     MavResult, MavType, PARAM_REQUEST_LIST_DATA, TANDEM_ORIGIN_DATA, TANDEM_REPORT_DATA,
     TIMESYNC_DATA,
 };
+use mavlink_ext::object::digest::{Asker, Item};
 use mavlink_ext::object::{Receiver, ReceiverLimits};
 use nalgebra::{Isometry3, Matrix6};
 use slam::Tracked;
@@ -454,6 +455,7 @@ fn fly_over(
     session: u32,
 ) -> VoxelMap {
     let mut station = Receiver::new(STATION, session, ReceiverLimits::default());
+    let mut asker = Asker::new(STATION, session);
     let mut map = VoxelMap::new(0.1);
     let mut count = 0;
     for ms in (from_ms..from_ms + 20_000).step_by(10) {
@@ -462,16 +464,20 @@ fn fly_over(
         }
         bench.step(ms, Event::Tick);
         let mut reports = station.tick(at(ms)).send;
+        reports.extend(asker.tick(at(ms)));
         for message in bench.take(LinkId::Ground) {
             count += 1;
             if !heard(count) {
                 continue;
             }
+            asker.handle(at(ms), OWN, &message);
             let step = station.handle(at(ms), OWN, &message);
             reports.extend(step.send);
             for received in step.events {
                 let tile = maps::tile::Tile::decode(&received.bytes).expect("sound");
                 map.set_tile(&tile).expect("of this resolution");
+                let item = Item::new(tile.version, &received.bytes);
+                asker.has(at(ms), OWN, tile.id, item);
             }
         }
         for report in reports {

@@ -109,7 +109,7 @@ pub struct MapState {
     pub origin: Option<MapOrigin>,
     /// Who builds it.
     pub companions: BTreeMap<Address, Companion>,
-    /// Newest version received of each tile.
+    /// The version received last of each tile.
     pub versions: BTreeMap<TileId, u64>,
     /// Tiles received, counting every version.
     pub tiles_received: u64,
@@ -130,16 +130,10 @@ impl MapState {
         Self::default()
     }
 
-    /// Puts a tile into the map; says whether it changed anything.
+    /// Puts a tile into the map in place of what was there; says whether it could. Of an older version than what is there,
+    /// it is that of a companion that has started anew.
     pub fn receive(&mut self, now: Stamp, tile: &Tile) -> bool {
         self.tiles_received += 1;
-        if self
-            .versions
-            .get(&tile.id)
-            .is_some_and(|known| *known >= tile.version)
-        {
-            return false;
-        }
         if self.versions.len() >= MAX_TILES && !self.versions.contains_key(&tile.id) {
             self.refuse(format!("the map has {MAX_TILES} tiles already"));
             return false;

@@ -3,18 +3,21 @@
 use std::time::Duration;
 
 use geodesy::{Geodetic, Origin};
-use maps::tile::Tile;
+use maps::tile::{Tile, TileId};
 use maps::time::Stamp;
 use mavlink_ext::dialect::tandem::{
     TANDEM_ORIGIN_DATA, TANDEM_STATUS_DATA, TandemStatusFlags, TandemTracking,
 };
 use mavlink_ext::object::StreamId;
+use mavlink_ext::object::digest::Item;
 use mavlink_ext::{Address, Message, convert};
 
 use super::{Outbox, Station};
 use crate::model::Timed;
 use crate::model::log::Severity;
 use crate::model::map::{CompanionStatus, MapOrigin, Tracking};
+use crate::model::missions::{Mission, PlanKind};
+use crate::modes::Kind;
 
 /// More companions than this are nobody's fleet.
 const MAX_COMPANIONS: usize = 16;
@@ -28,6 +31,7 @@ impl Station {
         message: &Message,
         outbox: &mut Outbox,
     ) {
+        self.asker.handle(now, from, message);
         match message {
             Message::TANDEM_STATUS(status) => {
                 if let Some(companion) = self.companion(now, from) {
@@ -112,20 +116,46 @@ impl Station {
         outbox.extend(step.send);
         for object in step.events {
             if object.id.stream == StreamId::TILE {
-                self.take_tile(now, &object.bytes);
+                self.take_tile(now, from, &object.bytes);
             }
         }
     }
 
-    /// Reports what is missing.
+    /// Reports what is missing of objects, and asks for what the map lacks.
     pub(super) fn tick_companions(&mut self, outbox: &mut Outbox) {
-        outbox.extend(self.receiver.tick(self.model.now).send);
+        let now = self.model.now;
+        outbox.extend(self.receiver.tick(now).send);
+        let path = self.tiles_ahead();
+        self.asker.toward(&path);
+        outbox.extend(self.asker.tick(now));
     }
 
-    fn take_tile(&mut self, now: Stamp, bytes: &[u8]) {
+    /// The tiles in which rovers are, and through which their planned paths lead.
+    fn tiles_ahead(&self) -> Vec<TileId> {
+        let Some(voxels) = &self.model.map.voxels else {
+            return Vec::new();
+        };
+        let rovers = self.model.vehicles.values();
+        let rovers = rovers.filter(|vehicle| vehicle.kind == Kind::Rover);
+        let places = rovers.filter_map(|rover| rover.position.map(|position| position.value));
+        let plans = self.model.missions.values().filter_map(Mission::plan);
+        let paths = plans.filter(|plan| matches!(plan.kind, PlanKind::Path { .. }));
+        let places = places.chain(paths.flat_map(|plan| plan.line.iter().copied()));
+        let mut tiles: Vec<_> = places
+            .map(|place| TileId::of(voxels.key_of(place)))
+            .collect();
+        tiles.sort_unstable();
+        tiles.dedup();
+        tiles
+    }
+
+    fn take_tile(&mut self, now: Stamp, from: Address, bytes: &[u8]) {
         match Tile::decode(bytes) {
             Ok(tile) => {
                 self.model.map.receive(now, &tile);
+                // Also if it is refused: it would be no better if it came again.
+                let item = Item::new(tile.version, bytes);
+                self.asker.has(now, from, tile.id, item);
             }
             Err(error) => {
                 self.model.map.refuse(error.to_string());

@@ -1,10 +1,12 @@
-//! The object transport: a hostile sender at our receiver, and a hostile receiver at our sender.
+//! The object transport and its anti-entropy: a hostile sender at our receiver, and a hostile receiver at our sender.
 #![no_main]
 
 use std::time::Duration;
 
 use libfuzzer_sys::fuzz_target;
+use maps::tile::TileId;
 use maps::time::Stamp;
+use mavlink_ext::object::digest::{Answerer, Asker, Item};
 use mavlink_ext::object::{
     Object, ObjectId, Receiver, ReceiverLimits, Sender, SenderSettings, Service, StreamId,
 };
@@ -37,6 +39,13 @@ fuzz_target!(|bytes: &[u8]| {
         let object = Object { id, service, bytes: vec![key as u8; 3000] };
         sender.offer(Stamp::ZERO, object).expect("room for it");
     }
+    let mut asker = Asker::new(OWN, 1);
+    let mut answerer = Answerer::default();
+    for x in 0..20 {
+        let tile = TileId { x, y: x % 3, z: 0 };
+        answerer.has(tile, Item::new(1, &[]));
+        asker.has(Stamp::ZERO, UAV, tile, Item::new(1 + u64::from(x > 15), &[]));
+    }
     let mut now = Stamp::ZERO;
     let mut feed = |frames: &[u8]| {
         // The fuzzer cannot guess checksums: ours are put in.
@@ -49,6 +58,11 @@ fuzz_target!(|bytes: &[u8]| {
                 receiver.handle(now, UAV, &sent);
             }
             receiver.tick(now);
+            asker.handle(now, UAV, &message);
+            answerer.handle(now, ends, OWN, &message);
+            for question in asker.tick(now) {
+                answerer.handle(now, ends, OWN, &question);
+            }
         }
     };
     feed(bytes);
@@ -60,7 +74,7 @@ fn messages(mut bytes: &[u8]) -> Vec<mavlink_ext::Message> {
     while let [kind, length, rest @ ..] = bytes {
         let payload = &rest[..usize::from(*length).min(rest.len())];
         bytes = &rest[payload.len()..];
-        let id = 54101 + u32::from(kind % 3);
+        let id = [54101, 54102, 54103, 54104, 54107, 54108][usize::from(kind % 6)];
         messages.extend(RawFrame::new(UAV, 0, (id, payload)).decode().ok());
     }
     messages

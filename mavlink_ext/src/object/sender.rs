@@ -48,17 +48,14 @@ pub struct SenderSettings {
     pub bytes_per_second: u32,
     /// Objects that wait may fill so much memory.
     pub max_queued_bytes: usize,
-    /// Delivered reliable objects are kept up to this much memory, for a receiver that restarts.
-    pub max_retained_bytes: usize,
 }
 
-/// 1 MB/s, 64 MiB waiting and 64 MiB kept.
+/// 1 MB/s and 64 MiB waiting.
 impl Default for SenderSettings {
     fn default() -> Self {
         Self {
             bytes_per_second: 1_000_000,
             max_queued_bytes: 64 << 20,
-            max_retained_bytes: 64 << 20,
         }
     }
 }
@@ -108,19 +105,17 @@ pub enum SenderEvent {
     Refused(ObjectId),
     /// Its deadline passed, or a newer object of its stream came.
     Expired(ObjectId),
-    /// The receiver has started anew: what it had is sent again.
+    /// The receiver has started anew: it may have lost the reliable objects that it had. They can be offered again.
     ReceiverRestarted {
-        /// How many objects go again.
-        resending: usize,
-        /// Objects that it had and we have not kept: offer them again.
-        forgotten: Vec<ObjectId>,
+        /// What it had.
+        delivered: Vec<ObjectId>,
     },
 }
 
 /// Counts since the start, and what is there now.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct SenderStats {
-    /// Objects reported complete, with those delivered again to a receiver that restarted.
+    /// Objects reported complete.
     pub objects_delivered: u64,
     /// Their bytes.
     pub bytes_delivered: u64,
@@ -148,14 +143,6 @@ pub struct SenderStats {
 
 type Key = (StreamId, u64);
 
-/// A reliable object that the receiver has.
-#[derive(Clone, Debug)]
-struct Kept {
-    id: ObjectId,
-    /// `None` if there was no room to keep it.
-    object: Option<Arc<Object>>,
-}
-
 #[derive(Clone, Debug)]
 struct Waiting {
     object: Arc<Object>,
@@ -173,8 +160,8 @@ pub struct Sender {
     active: Vec<Transfer>,
     /// The newest version offered of each reliable key.
     newest: BTreeMap<Key, u64>,
-    kept: BTreeMap<Key, Kept>,
-    kept_bytes: usize,
+    /// The newest version of each that the receiver has.
+    delivered: BTreeMap<Key, u64>,
     receiver_session: Option<u32>,
     last_report: Option<Stamp>,
     probe_due: Stamp,
@@ -199,8 +186,7 @@ impl Sender {
             waiting: Default::default(),
             active: Vec::new(),
             newest: BTreeMap::new(),
-            kept: BTreeMap::new(),
-            kept_bytes: 0,
+            delivered: BTreeMap::new(),
             receiver_session: None,
             last_report: None,
             probe_due: now,
@@ -325,7 +311,7 @@ impl Sender {
         self.counts.bytes_delivered += object.bytes.len() as u64;
         let id = object.id;
         if object.service == Service::Reliable {
-            self.keep(object);
+            self.delivered.insert((id.stream, id.key), id.version);
         }
         SenderEvent::Delivered {
             id,
@@ -333,21 +319,35 @@ impl Sender {
         }
     }
 
-    fn keep(&mut self, object: Arc<Object>) {
-        let id = object.id;
-        let key = (id.stream, id.key);
-        let size = object.bytes.len();
-        if let Some(Kept {
-            object: Some(older),
-            ..
-        }) = self.kept.remove(&key)
-        {
-            self.kept_bytes -= older.bytes.len();
+    /// The receiver says that it lacks this: if the sender takes it for delivered, it is taken again when it is offered.
+    pub fn is_lacking(&mut self, stream: StreamId, key: u64) {
+        let key = (stream, key);
+        if self.delivered.get(&key) == self.newest.get(&key) {
+            self.newest.remove(&key);
         }
-        let fits = self.kept_bytes + size <= self.settings.max_retained_bytes;
-        self.kept_bytes += if fits { size } else { 0 };
-        let object = fits.then_some(object);
-        self.kept.insert(key, Kept { id, object });
+        self.delivered.remove(&key);
+    }
+
+    /// The receiver says that it has this already: it need not be offered.
+    pub fn is_there(&mut self, id: ObjectId) {
+        let key = (id.stream, id.key);
+        if self
+            .newest
+            .get(&key)
+            .is_none_or(|newest| *newest < id.version)
+        {
+            self.newest.insert(key, id.version);
+        }
+        // If the same is on its way, the receiver will say so.
+        let is_pending = self.pending().any(|other| other == id);
+        if !is_pending {
+            self.delivered.insert(key, id.version);
+        }
+    }
+
+    fn pending(&self) -> impl Iterator<Item = ObjectId> {
+        let waiting = self.waiting.iter().flatten().map(|w| w.object.id);
+        waiting.chain(self.active.iter().map(|t| t.object().id))
     }
 
     fn receiver_restarted(&mut self, now: Stamp) -> Step<SenderEvent> {
@@ -359,28 +359,19 @@ impl Sender {
         for transfer in &mut self.active {
             transfer.restart(now, conditions);
         }
-        self.kept_bytes = 0;
-        let mut resending = 0;
-        let mut forgotten = Vec::new();
-        for (key, kept) in std::mem::take(&mut self.kept) {
-            let newer_is_coming = self.newest.get(&key).is_some_and(|v| *v > kept.id.version);
-            match kept.object {
-                _ if newer_is_coming => {}
-                Some(object) => {
-                    resending += 1;
-                    let offered = now;
-                    let queue = usize::from(transfer::priority(object.service));
-                    self.waiting[queue].push_back(Waiting { object, offered });
-                }
-                None => {
-                    self.newest.remove(&key);
-                    forgotten.push(kept.id);
-                }
+        let delivered = std::mem::take(&mut self.delivered);
+        let delivered = delivered.into_iter().map(|((stream, key), version)| {
+            if self.newest.get(&(stream, key)) == Some(&version) {
+                self.newest.remove(&(stream, key));
             }
-        }
+            ObjectId {
+                stream,
+                key,
+                version,
+            }
+        });
         Step::event(SenderEvent::ReceiverRestarted {
-            resending,
-            forgotten,
+            delivered: delivered.collect(),
         })
     }
 
@@ -545,13 +536,11 @@ impl Sender {
 
     /// How it goes.
     pub fn stats(&self, now: Stamp) -> SenderStats {
-        let is_newest = |(key, kept): (&Key, &Kept)| {
-            let newest = self.newest.get(key).copied();
-            newest.is_none_or(|newest| newest <= kept.id.version)
-        };
         let active_bytes: usize = self.active.iter().map(|t| t.object().bytes.len()).sum();
         SenderStats {
-            keys_delivered: self.kept.iter().filter(|kept| is_newest(*kept)).count(),
+            keys_delivered: (self.delivered.iter())
+                .filter(|(key, version)| self.newest.get(key) == Some(version))
+                .count(),
             objects_pending: self.waiting.iter().map(VecDeque::len).sum::<usize>()
                 + self.active.len(),
             bytes_pending: self.waiting_bytes() + active_bytes,
