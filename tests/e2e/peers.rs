@@ -1,5 +1,7 @@
 //! Other people's MAVLink programs talk to ours.
 
+mod autopilot;
+mod host;
 mod services;
 
 use std::ffi::OsStr;
@@ -35,63 +37,26 @@ pub(crate) fn python(script: &str, arguments: &[&OsStr]) -> String {
     String::from_utf8(output.stdout).expect("Python prints UTF-8")
 }
 
-/// A simulated vehicle, and the port of this machine that it sends to.
-fn start_vehicle(vehicle: &str, log: &Path) -> (Program, u16) {
-    let free = UdpSocket::bind("127.0.0.1:0")
-        .and_then(|socket| socket.local_addr())
-        .expect("a free port");
+/// A UDP port of this machine that nobody listens at.
+fn free_port() -> u16 {
+    let free = UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr());
+    free.expect("a free port").port()
+}
+
+/// A simulated vehicle that sends to a port of this machine, started with these options too.
+fn start_vehicle(port: u16, options: &[&str], log: &Path) -> Program {
     let mut sitl = Command::new(programs::folder().join("sitl"));
-    sitl.args([
-        "run",
-        "--scene",
-        "room",
-        "--seed",
-        "1",
-        "--headless",
-        vehicle,
-    ]);
-    sitl.arg(format!("udpout:127.0.0.1:{}", free.port()));
-    let sitl = Program::start("sitl", sitl, log, Show::Nothing).expect("the simulator starts");
-    (sitl, free.port())
+    sitl.args(["run", "--scene", "room", "--seed", "1", "--headless"]);
+    let (vehicle, more) = options.split_first().expect("which vehicle");
+    sitl.arg(vehicle).arg(format!("udpout:127.0.0.1:{port}"));
+    sitl.args(more);
+    Program::start("sitl", sitl, log, Show::Nothing).expect("the simulator starts")
 }
 
-/// MAVSDK connects to one simulated vehicle, uploads a mission, downloads it, finds it equal, and arms.
-fn check_mavsdk(vehicle: &str) {
-    let folder = tempfile::tempdir().expect("a folder for the log");
-    let (mut sitl, port) = start_vehicle(vehicle, &folder.path().join("sitl.log"));
-    python(
-        "mavsdk_mission.py",
-        &[format!("udpin://127.0.0.1:{port}").as_ref()],
-    );
-    sitl.stop(Duration::from_secs(10))
-        .expect("the simulator ends when asked to");
-}
-
-#[test]
-fn mavsdk_arms_the_simulated_copter_and_reads_back_its_mission() {
-    check_mavsdk("--copter");
-}
-
-#[test]
-fn mavsdk_arms_the_simulated_rover_and_reads_back_its_mission() {
-    check_mavsdk("--rover");
-}
-
-#[test]
-fn mavproxy_loads_parameters_and_a_mission_without_a_complaint() {
-    let folder = tempfile::tempdir().expect("a folder for the logs");
-    for (vehicle, parameters) in [("--copter", 23), ("--rover", 18)] {
-        let (mut sitl, port) = start_vehicle(vehicle, &folder.path().join("sitl.log"));
-        let endpoint = format!("udpin:127.0.0.1:{port}");
-        let told = python(
-            "mavproxy_session.py",
-            &[endpoint.as_ref(), folder.path().as_os_str()],
-        );
-        assert!(told.contains("by file"), "{vehicle}: {told}");
-        let loaded = format!("{parameters} parameters");
-        assert!(told.contains(&loaded), "{vehicle}: {told}");
-        assert!(told.contains("mission of 3 items"), "{vehicle}: {told}");
-        sitl.stop(Duration::from_secs(10))
-            .expect("the simulator ends when asked to");
-    }
+/// Asks a program to end and waits until it has.
+#[track_caller]
+fn stop(mut program: Program) {
+    program
+        .stop(Duration::from_secs(20))
+        .expect("it ends when asked to");
 }

@@ -1,8 +1,10 @@
-"""A session of MAVProxy, an independent ground station: it connects, fetches all parameters, and uploads a mission.
+"""A session of MAVProxy, an independent ground station: it connects, fetches all parameters, and uploads missions.
 
-usage: mavproxy_session.py ENDPOINT FOLDER
+usage: mavproxy_session.py ENDPOINT FOLDER autopilot|companion|both
 
-ENDPOINT is MAVProxy's, such as udpin:127.0.0.1:14550; its logs and files go into FOLDER.
+ENDPOINT is MAVProxy's, such as udpin:127.0.0.1:14550; its logs and files go into FOLDER. The last word says who is there. With
+an autopilot it uploads a mission that the vehicle can do and then one that it cannot; of a companion, 1/191, it wants
+heartbeats.
 Exits 0 if all of it worked and MAVProxy complained of nothing, 1 with what it said otherwise.
 """
 
@@ -19,6 +21,10 @@ MISSION = """QGC WPL 110
 1\t0\t3\t16\t0\t0\t0\t0\t47.3977450\t8.5455938\t2\t1
 2\t0\t3\t16\t0\t0\t0\t0\t47.3977480\t8.5455950\t2\t1
 """
+# Turning a camera's mount is nothing that our vehicles do.
+IMPOSSIBLE = MISSION.replace("2\t0\t3\t16", "2\t0\t3\t205")
+COMPANION = "1:191"
+HEARTBEAT = r"HEARTBEAT \{type : 18, autopilot : 8, .* system_status : 4,"  # an on-board controller that is active
 # MAVProxy's own: modules whose libraries are not installed.
 HARMLESS = re.compile(r"Failed to load module: No module named")
 COMPLAINT = re.compile(r"error|fail|timed? ?out|breach|refus|invalid|lost|retry|down", re.IGNORECASE)
@@ -50,41 +56,87 @@ class Session:
         self.process.stdin.write(command + "\n")
         self.process.stdin.flush()
 
-    def expect(self, pattern):
-        """Waits until MAVProxy says something like that."""
+    def expect(self, pattern, times=1):
+        """Waits until MAVProxy says something like that, so often."""
         deadline = time.monotonic() + PATIENCE_S
         while time.monotonic() < deadline:
-            for line in list(self.said):
-                if match := re.search(pattern, line):
-                    return match
+            matches = [match for line in list(self.said) if (match := re.search(pattern, line))]
+            if len(matches) >= times:
+                return matches[0]
             time.sleep(0.05)
-        sys.exit(f"mavproxy_session: {pattern!r} not said within {PATIENCE_S:.0f} s:\n" + "\n".join(self.said))
+        self.give_up(pattern)
 
     def end(self):
         self.process.kill()  # it ignores gentler requests while its input is open
         self.process.wait()
 
 
-def main():
-    if len(sys.argv) != 3:
-        sys.exit(__doc__)
-    endpoint, folder = sys.argv[1:]
-    with open(os.path.join(folder, "mission.txt"), "w", encoding="ascii") as file:
-        file.write(MISSION)
-    session = Session(endpoint, folder)
-    session.expect(r"Detected vehicle")
+    def ask(self, command, pattern):
+        """Types a command again and again until its answer is something like that."""
+        deadline = time.monotonic() + PATIENCE_S
+        while time.monotonic() < deadline:
+            start = len(self.said)
+            self.type(command)
+            time.sleep(0.5)
+            for line in self.said[start:]:
+                if match := re.search(pattern, line):
+                    return match
+        self.give_up(pattern)
+
+    def give_up(self, pattern):
+        sys.exit(f"mavproxy_session: {pattern!r} not said within {PATIENCE_S:.0f} s:\n" + "\n".join(self.said))
+
+    def expect_no_complaint(self):
+        complaints = [line for line in self.said if COMPLAINT.search(line) and not HARMLESS.search(line)]
+        if complaints:
+            sys.exit("mavproxy_session: it complained:\n" + "\n".join(complaints))
+
+
+def meet_companion(session, alone):
+    session.expect(rf"Detected vehicle {COMPANION} on link 0")
+    if alone:
+        session.type("watch HEARTBEAT")
+        session.expect(f"< {HEARTBEAT}", times=3)
+    else:
+        # What it watches is what comes from the autopilot.
+        session.ask("status HEARTBEAT", HEARTBEAT)
+    print("companion heard")
+
+
+def meet_autopilot(session):
+    session.expect(r"Detected vehicle \d:1 on link 0")
     count = session.expect(r"Received (\d+) parameters( \(ftp\))?")
     print(f"{count[1]} parameters{' by file' if count[2] else ''}")
     session.type("wp load mission.txt")
     session.expect(r"Loaded (\d+) waypoint")
     session.expect(r"Got MISSION_ACK: TYPE_MISSION: ACCEPTED|Sent all (\d+) waypoints")
-    session.type("wp list")
-    saved = session.expect(r"Saved (\d+) waypoints")
+    saved = session.ask("wp list", r"Saved (\d+) waypoints")
     print(f"mission of {saved[1]} items")
+
+
+def fail(session):
+    """An upload that the autopilot refuses."""
+    session.type("wp load impossible.txt")
+    session.expect(r"Got MISSION_ACK: TYPE_MISSION: UNSUPPORTED")
+    print("impossible mission refused")
+
+
+def main():
+    if len(sys.argv) != 4 or sys.argv[3] not in ("autopilot", "companion", "both"):
+        sys.exit(__doc__)
+    endpoint, folder, whom = sys.argv[1:]
+    for name, items in (("mission.txt", MISSION), ("impossible.txt", IMPOSSIBLE)):
+        with open(os.path.join(folder, name), "w", encoding="ascii") as file:
+            file.write(items)
+    session = Session(endpoint, folder)
+    if whom != "autopilot":
+        meet_companion(session, alone=whom == "companion")
+    if whom != "companion":
+        meet_autopilot(session)
+    session.expect_no_complaint()
+    if whom != "companion":
+        fail(session)
     session.end()
-    complaints = [line for line in session.said if COMPLAINT.search(line) and not HARMLESS.search(line)]
-    if complaints:
-        sys.exit("mavproxy_session: it complained:\n" + "\n".join(complaints))
 
 
 if __name__ == "__main__":

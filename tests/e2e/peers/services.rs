@@ -2,73 +2,19 @@
 
 use std::ffi::OsStr;
 use std::fs;
-use std::net::UdpSocket;
 use std::path::Path;
-use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::sync_channel;
-use std::thread::{Builder, JoinHandle};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::Duration;
 
 use maps::time::Stamp;
-use mavlink_ext::dialect::tandem::{HEARTBEAT_DATA, MavAutopilot, MavType};
+use mavlink_ext::dialect::tandem::{MavAutopilot, MavType};
 use mavlink_ext::ftp::{Crc32, Root, Server};
-use mavlink_ext::link::Link;
 use mavlink_ext::signing::{Policy, Signing, SigningKey, SigningStats, Timestamp};
-use mavlink_ext::{Address, Encoder, Message, RawFrame};
+use mavlink_ext::{Encoder, RawFrame};
 
+use super::host::{AUTOPILOT, COMPANION, Host, Service, clock, heartbeat};
 use super::python;
 
-const AUTOPILOT: Address = Address::new(1, 1);
-const COMPANION: Address = Address::new(1, 191);
 const KEY: [u8; 32] = [0x42; 32];
-
-/// What an end of a link does: frames out, for what comes in and when time passes.
-trait Service: Send + 'static {
-    fn handle(&mut self, now: Stamp, frame: &RawFrame) -> Vec<RawFrame>;
-    fn tick(&mut self, now: Stamp) -> Vec<RawFrame>;
-}
-
-/// Runs a service behind a socket until it is stopped, and gives it back.
-struct Host<S> {
-    stop: Arc<AtomicBool>,
-    thread: JoinHandle<S>,
-    /// Where the peer has to listen.
-    port: u16,
-}
-
-impl<S: Service> Host<S> {
-    fn start(mut service: S) -> Self {
-        let free = UdpSocket::bind("127.0.0.1:0").and_then(|socket| socket.local_addr());
-        let port = free.expect("a free port").port();
-        let (sender, frames) = sync_channel(1000);
-        let uri = format!("udpout:127.0.0.1:{port}");
-        let link = Link::open(&uri, move |frame| drop(sender.try_send(frame)));
-        let link = link.expect("loopback has free ports");
-        let stop = Arc::new(AtomicBool::new(false));
-        let stopped = Arc::clone(&stop);
-        let serve = move || {
-            let begun = clock();
-            while !stopped.load(Ordering::Relaxed) {
-                let heard = frames.recv_timeout(Duration::from_millis(5)).ok();
-                let now = Stamp::ZERO + clock().saturating_sub(begun);
-                let answers = heard.map_or(Vec::new(), |frame| service.handle(now, &frame));
-                for frame in answers.iter().chain(&service.tick(now)) {
-                    link.send(frame).expect("loopback takes it");
-                }
-            }
-            service
-        };
-        let thread = Builder::new().name("service".to_owned()).spawn(serve);
-        let thread = thread.expect("there are threads");
-        Self { stop, thread, port }
-    }
-
-    fn stop(self) -> S {
-        self.stop.store(true, Ordering::Relaxed);
-        self.thread.join().expect("the service does not panic")
-    }
-}
 
 /// A vehicle whose companion serves a folder.
 struct Files {
@@ -88,15 +34,6 @@ impl Files {
             heartbeat_due: Stamp::ZERO,
         }
     }
-}
-
-fn heartbeat(mavtype: MavType, autopilot: MavAutopilot) -> Message {
-    Message::HEARTBEAT(HEARTBEAT_DATA {
-        mavtype,
-        autopilot,
-        mavlink_version: 3,
-        ..HEARTBEAT_DATA::default()
-    })
 }
 
 impl Service for Files {
@@ -195,15 +132,6 @@ struct Signed {
     signing: Signing,
     encoder: Encoder,
     heartbeat_due: Stamp,
-}
-
-#[expect(
-    clippy::disallowed_methods,
-    reason = "a peer of another program, in real time"
-)]
-fn clock() -> Duration {
-    let since_1970 = SystemTime::now().duration_since(UNIX_EPOCH);
-    since_1970.unwrap_or_default()
 }
 
 impl Signed {
