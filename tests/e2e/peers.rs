@@ -1,6 +1,7 @@
 //! Other people's MAVLink programs talk to ours.
 
 mod autopilot;
+mod companion;
 mod dialect;
 mod host;
 mod services;
