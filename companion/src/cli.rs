@@ -49,6 +49,12 @@ pub(crate) enum Command {
         #[arg(long, default_value_t = 3.0, value_parser = seconds)]
         listen_s: f64,
     },
+    /// Makes a key with which links are signed, in a new file: copy it to the other programs' machines, and put
+    /// ?signing=required&key=FILE behind each link.
+    Key {
+        /// The new file, readable by its owner only.
+        file: PathBuf,
+    },
     /// Says what is in a map file, converts it, draws it.
     Map {
         #[command(subcommand)]

@@ -303,7 +303,7 @@ fn open_link(id: LinkId, uri: &LinkUri, heartbeats: SyncSender<Heartbeat>) -> Re
             "{}: correct the host in [links], or check that names resolve here",
             chain(&error)
         ),
-        LinkError::Uri { .. } | LinkError::Send { .. } => chain(&error),
+        LinkError::Uri { .. } | LinkError::Key(_) | LinkError::Send { .. } => chain(&error),
     })
 }
 
@@ -364,7 +364,7 @@ fn lead_to_one_place(a: &LinkUri, b: &LinkUri) -> bool {
     };
     let is_serial = |uri: &LinkUri| uri.host_and_port().is_none();
     let b_addresses = addresses(b);
-    (is_serial(a) && a == b)
+    (is_serial(a) && a.way == b.way)
         || addresses(a)
             .iter()
             .any(|address| b_addresses.contains(address))

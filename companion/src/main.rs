@@ -17,6 +17,7 @@ use companion::doctor::{self, Check, Finding};
 use companion::event::Event;
 use companion::replay::{Continue, replay};
 use companion::runtime::{self, Events};
+use mavlink_ext::signing::{KeyFile, SigningKey};
 use tracing_subscriber::EnvFilter;
 
 use crate::cli::{Arguments, Command};
@@ -63,6 +64,11 @@ fn execute() -> Result<ExitCode> {
         } => {
             let listen = Duration::from_secs_f64(listen_s);
             Ok(examine(options.read(source), clock, listen))
+        }
+        Command::Key { file } => {
+            KeyFile::new(&file).create(&SigningKey::random()?)?;
+            writeln!(io::stdout(), "{}", file.display())?;
+            Ok(ExitCode::SUCCESS)
         }
         Command::Map { command } => command.run().map(|()| ExitCode::SUCCESS),
     }

@@ -37,7 +37,7 @@ pub enum RunError {
         "cannot open the links: is another companion running, or another program on this port?"
     )]
     Link(#[source] LinkError),
-    /// A link leads nowhere.
+    /// A link leads nowhere, or has no key.
     #[error(transparent)]
     Nowhere(LinkError),
     /// The system gives no thread.
@@ -55,9 +55,10 @@ impl From<LinkError> for RunError {
     fn from(error: LinkError) -> Self {
         match error {
             LinkError::Open { .. } => Self::Link(error),
-            LinkError::Uri { .. } | LinkError::Resolve { .. } | LinkError::Send { .. } => {
-                Self::Nowhere(error)
-            }
+            LinkError::Uri { .. }
+            | LinkError::Key(_)
+            | LinkError::Resolve { .. }
+            | LinkError::Send { .. } => Self::Nowhere(error),
         }
     }
 }

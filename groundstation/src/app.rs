@@ -309,7 +309,7 @@ impl App {
     }
 
     fn link_states(&self) -> Vec<crate::station::LinkFigures> {
-        self.net.stats().map(Option::unwrap_or_default).collect()
+        self.net.stats().collect()
     }
 
     fn advance_replay(&mut self) {

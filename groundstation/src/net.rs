@@ -106,9 +106,10 @@ impl Net {
         Ok(())
     }
 
-    /// What has gone over each link.
-    pub fn stats(&self) -> impl Iterator<Item = Option<LinkStats>> {
-        self.links.iter().map(|link| link.as_ref().map(Link::stats))
+    /// What has gone over each link, and what is wrong with it; `None` of one that could not be opened.
+    pub fn stats(&self) -> impl Iterator<Item = Option<(LinkStats, Option<String>)>> {
+        let links = self.links.iter();
+        links.map(|link| link.as_ref().map(|link| (link.stats(), link.problem())))
     }
 
     /// Frames that were dropped because too many waited.

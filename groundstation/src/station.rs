@@ -37,7 +37,7 @@ const HEARTBEAT_EVERY: Duration = Duration::from_secs(1);
 const RATE_OVER_S: f64 = 2.0;
 
 /// What has gone over a link so far.
-pub type LinkFigures = LinkStats;
+pub type LinkFigures = Option<(LinkStats, Option<String>)>;
 
 /// Everything that can happen to the station.
 #[derive(Debug)]
@@ -321,6 +321,10 @@ impl Station {
         self.rates_at = self.model.now;
         let share = 1.0 - (-passed_s / RATE_OVER_S).exp();
         for (link, figures) in self.model.links.iter_mut().zip(figures) {
+            let Some((figures, problem)) = figures else {
+                continue; // it could not be opened, which it says
+            };
+            link.error.clone_from(problem);
             let received = figures.bytes_received.saturating_sub(link.bytes_received);
             if passed_s > 0.0 {
                 link.receive_rate_bps +=

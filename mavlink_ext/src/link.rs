@@ -9,10 +9,14 @@
 //! | `tcpout:HOST:PORT` | one peer, connected to again and again |
 //! | `serial:DEVICE:BAUD` | what is at the other end of the cable; the device may come and go |
 //!
+//! With `?signing=required&key=FILE` at its end, frames are signed and only signed ones are taken, see [`crate::signing`];
+//! with `accepted` also unsigned ones. Who is not taken is no peer: nothing is sent there.
+//!
 //! A frame for an address that was heard goes only to the peers where it was heard; everything else goes to all of them.
 //! Sending never waits: what a peer does not take in time is lost, as on the air.
 
 mod counters;
+mod guard;
 mod peers;
 mod stream;
 #[cfg(test)]
@@ -23,21 +27,27 @@ mod uri;
 use std::io::ErrorKind;
 use std::net::{SocketAddr, ToSocketAddrs as _};
 use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::{Duration, Instant};
 use std::{fmt, io};
 
+use crate::signing::{KeyError, SigningStats};
 use crate::wire::RawFrame;
 pub use counters::LinkStats;
+use guard::Guard;
 use stream::Stream;
 use udp::Udp;
-pub use uri::LinkUri;
+pub use uri::{LinkSigning, LinkUri, Way};
 
 /// How long a thread waits for bytes before it looks whether the link was dropped.
 const POLL: Duration = Duration::from_millis(50);
 
-/// What is done with each good frame, on the link's thread.
-type Deliver = Box<dyn FnMut(RawFrame) + Send>;
+/// What is done with what comes.
+struct Inlet {
+    /// With each frame that is taken, on the link's thread.
+    deliver: Box<dyn FnMut(RawFrame) + Send>,
+    guard: Arc<Guard>,
+}
 
 /// Why a link could not be opened or used.
 #[derive(Debug, thiserror::Error)]
@@ -45,12 +55,16 @@ pub enum LinkError {
     /// The text is no link.
     #[error(
         "{uri:?} is no link, expected udpin:HOST:PORT, udpout:HOST:PORT, udpbcast:ADDRESS:PORT, tcpin:HOST:PORT, \
-         tcpout:HOST:PORT or serial:DEVICE:BAUD"
+         tcpout:HOST:PORT or serial:DEVICE:BAUD, and ?signing=required&key=FILE behind it if frames are signed, or \
+         accepted if only some are"
     )]
     Uri {
         /// What was given.
         uri: String,
     },
+    /// The signing key cannot be used.
+    #[error(transparent)]
+    Key(#[from] KeyError),
     /// The host has no address.
     #[error("cannot resolve {host:?}")]
     Resolve {
@@ -99,6 +113,7 @@ enum Kind {
 /// An open link. Dropping it closes it and waits for its threads.
 pub struct Link {
     kind: Kind,
+    guard: Arc<Guard>,
 }
 
 impl Link {
@@ -112,24 +127,26 @@ impl Link {
     ) -> Result<Self, LinkError> {
         let parsed: LinkUri = uri.parse()?;
         let name = format!("mavlink {parsed}");
-        let deliver: Deliver = Box::new(deliver);
-        let opened = match parsed {
-            LinkUri::UdpIn(at) => Udp::listen(resolve(&at)?, name, deliver).map(Kind::Udp),
-            LinkUri::UdpOut(to) => Udp::connect(resolve(&to)?, name, deliver).map(Kind::Udp),
-            LinkUri::UdpBroadcast(to) => {
-                Udp::broadcast(resolve(&to)?, name, deliver).map(Kind::Udp)
-            }
-            LinkUri::TcpIn(at) => Stream::listen(resolve(&at)?, name, deliver).map(Kind::Stream),
-            LinkUri::TcpOut(to) => Stream::connect(to, name, deliver).map(Kind::Stream),
-            LinkUri::Serial { device, baud } => {
-                Stream::serial(device, baud, name, deliver).map(Kind::Stream)
+        let guard = Arc::new(Guard::open(parsed.signing.as_ref())?);
+        let inlet = Inlet {
+            deliver: Box::new(deliver),
+            guard: Arc::clone(&guard),
+        };
+        let opened = match parsed.way {
+            Way::UdpIn(at) => Udp::listen(resolve(&at)?, name, inlet).map(Kind::Udp),
+            Way::UdpOut(to) => Udp::connect(resolve(&to)?, name, inlet).map(Kind::Udp),
+            Way::UdpBroadcast(to) => Udp::broadcast(resolve(&to)?, name, inlet).map(Kind::Udp),
+            Way::TcpIn(at) => Stream::listen(resolve(&at)?, name, inlet).map(Kind::Stream),
+            Way::TcpOut(to) => Stream::connect(to, name, inlet).map(Kind::Stream),
+            Way::Serial { device, baud } => {
+                Stream::serial(device, baud, name, inlet).map(Kind::Stream)
             }
         };
         let kind = opened.map_err(|source| LinkError::Open {
             uri: uri.to_owned(),
             source,
         })?;
-        Ok(Self { kind })
+        Ok(Self { kind, guard })
     }
 
     /// The address of the socket that listens or sends, its port as chosen by the system where 0 was asked for; `None`
@@ -145,9 +162,12 @@ impl Link {
     ///
     /// A full buffer or an unreachable peer loses the frame, as the air would; other failures are errors.
     pub fn send(&self, frame: &RawFrame) -> Result<usize, LinkError> {
+        let Some(frame) = self.guard.sign(frame) else {
+            return Ok(0);
+        };
         match &self.kind {
-            Kind::Udp(udp) => udp.send(frame),
-            Kind::Stream(stream) => Ok(stream.send(frame)),
+            Kind::Udp(udp) => udp.send(&frame),
+            Kind::Stream(stream) => Ok(stream.send(&frame)),
         }
     }
 
@@ -159,12 +179,18 @@ impl Link {
         }
     }
 
-    /// Why it is not connected at present.
+    /// What was signed and what was not taken.
+    pub fn signing_stats(&self) -> SigningStats {
+        self.guard.stats()
+    }
+
+    /// Why it is not connected at present, or why frames are not taken.
     pub fn problem(&self) -> Option<String> {
-        match &self.kind {
+        let connection = match &self.kind {
             Kind::Udp(_) => None,
             Kind::Stream(stream) => stream.problem(),
-        }
+        };
+        connection.or_else(|| self.guard.problem())
     }
 }
 

@@ -42,7 +42,7 @@ impl Timestamp {
         Self::from_duration(time.saturating_sub(Self::EPOCH))
     }
 
-    const fn from_duration(span: Duration) -> Self {
+    pub(crate) const fn from_duration(span: Duration) -> Self {
         let ticks = span.as_micros() / 10;
         Self(if ticks > Self::MAX as u128 {
             Self::MAX
@@ -61,7 +61,7 @@ impl Timestamp {
         [a, b, c, d, e, f]
     }
 
-    fn plus(self, span: Self) -> Self {
+    pub(crate) fn plus(self, span: Self) -> Self {
         Self((self.0 + span.0).min(Self::MAX))
     }
 }
@@ -74,6 +74,13 @@ impl SigningKey {
     /// A key of these bytes.
     pub const fn new(bytes: [u8; 32]) -> Self {
         Self(bytes)
+    }
+
+    /// A new one, from the system's source of chance; its error if that fails.
+    pub fn random() -> std::io::Result<Self> {
+        let mut bytes = [0; 32];
+        getrandom::fill(&mut bytes)?;
+        Ok(Self(bytes))
     }
 }
 

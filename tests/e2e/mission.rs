@@ -2,6 +2,7 @@
 
 use std::fs;
 use std::path::Path;
+use std::process::Command;
 use std::time::Instant;
 
 use octomap::referee::Referee;
@@ -11,14 +12,20 @@ use tests::program::Show;
 use crate::{peers, programs};
 
 #[test]
-fn a_mission_in_the_simulated_room_succeeds_and_others_can_read_it() {
+fn a_mission_over_signed_links_in_the_simulated_room_succeeds_and_others_can_read_it() {
     let folder = tempfile::tempdir().expect("a folder for the mission");
     let out = folder.path().join("mission");
+    let key = folder.path().join("link.key");
+    let mut make_key = Command::new(programs::folder().join("companion"));
+    make_key.arg("key").arg(&key);
+    let made = make_key.status().expect("the companion starts");
+    assert!(made.success(), "the key is made");
     let options = Options {
         programs: programs::folder(),
         out: out.clone(),
         window: Window::Headless,
         show: Show::Nothing,
+        key: Some(key),
     };
     #[expect(
         clippy::disallowed_methods,

@@ -41,6 +41,18 @@ pub struct Options {
     pub window: Window,
     /// What people see of the programs' output.
     pub show: Show,
+    /// The key with which all links to the ground station are signed; they are not, if none.
+    pub key: Option<PathBuf>,
+}
+
+impl Options {
+    /// What follows the ground links' addresses.
+    fn signing(&self) -> String {
+        let key = self.key.as_ref();
+        key.map_or(String::new(), |key| {
+            format!("?signing=required&key={}", key.display())
+        })
+    }
 }
 
 /// How the ground station is seen.
@@ -142,9 +154,11 @@ fn start_companion(config: &Table, options: &Options) -> anyhow::Result<Program>
 
 fn start_groundstation(options: &Options, ports: Ports) -> anyhow::Result<Program> {
     let mut command = Command::new(options.programs.join("groundstation"));
-    command
-        .arg("--connect")
-        .arg(format!("udpin:127.0.0.1:{}", ports.ground));
+    command.arg("--connect").arg(format!(
+        "udpin:127.0.0.1:{}{}",
+        ports.ground,
+        options.signing()
+    ));
     command
         .arg("--script")
         .arg(options.out.join(SCRIPT))
@@ -181,9 +195,11 @@ fn start_sitl(
     command
         .arg("--copter")
         .arg(format!("udpout:127.0.0.1:{}", ports.autopilot));
-    command
-        .arg("--rover")
-        .arg(format!("udpout:127.0.0.1:{}", ports.ground));
+    command.arg("--rover").arg(format!(
+        "udpout:127.0.0.1:{}{}",
+        ports.ground,
+        options.signing()
+    ));
     command
         .arg(format!("--origin={origin}"))
         .arg(format!("--rover-start={}", scenario.rover_start()));

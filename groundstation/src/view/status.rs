@@ -140,17 +140,16 @@ fn links_ui(ui: &mut Ui, model: &Model) {
         ui.label(RichText::new("no link").color(theme::DIM));
     }
     for link in &model.links {
-        let (text, color) = match (&link.error, link.heard_at) {
-            (Some(_), _) => ("link failed".to_owned(), theme::RED),
-            (None, None) => ("link silent".to_owned(), theme::DIM),
-            (None, Some(at)) if model.now.since(at) > LINK_LOST_AFTER => (
-                format!("link lost {}", widgets::age_text(model.now.since(at))),
-                theme::RED,
-            ),
-            (None, Some(_)) => (
+        let age = link.heard_at.map(|at| model.now.since(at));
+        let (text, color) = match (&link.error, age) {
+            // It works, and something is wrong with it all the same, such as frames of somebody without the key.
+            (error, Some(age)) if age <= LINK_LOST_AFTER => (
                 format!("link {}/s", widgets::bytes_text(link.receive_rate_bps)),
-                theme::TEXT,
+                error.as_ref().map_or(theme::TEXT, |_| theme::AMBER),
             ),
+            (Some(_), _) => ("link failed".to_owned(), theme::RED),
+            (None, Some(age)) => (format!("link lost {}", widgets::age_text(age)), theme::RED),
+            (None, None) => ("link silent".to_owned(), theme::DIM),
         };
         let shown = ui.label(RichText::new(text).color(color));
         shown.on_hover_text(format!(

@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 
 use super::counters::{Counters, LinkStats};
 use super::peers::Peers;
-use super::{Deliver, POLL, Stop, address_of, lock, monotonic_now};
+use super::{Guard, Inlet, POLL, Stop, address_of, lock, monotonic_now};
 use crate::wire::{Parser, RawFrame};
 
 /// Frames that wait for a peer that does not take them as fast.
@@ -84,7 +84,8 @@ struct Shared {
     peers: Mutex<Peers>,
     /// Of each connection that is open.
     outboxes: Mutex<BTreeMap<SocketAddr, SyncSender<RawFrame>>>,
-    deliver: Mutex<Deliver>,
+    deliver: Mutex<Box<dyn FnMut(RawFrame) + Send>>,
+    guard: Arc<Guard>,
     problem: Mutex<Option<String>>,
     counters: Counters,
     stop: Stop,
@@ -100,29 +101,23 @@ pub(super) struct Stream {
 
 impl Stream {
     /// Takes connections there.
-    pub(super) fn listen(at: SocketAddr, name: String, deliver: Deliver) -> io::Result<Self> {
+    pub(super) fn listen(at: SocketAddr, name: String, inlet: Inlet) -> io::Result<Self> {
         let listener = TcpListener::bind(at)?;
         listener.set_nonblocking(true)?;
         let local = Some(listener.local_addr()?);
-        Self::start(
-            Peers::learned(),
-            local,
-            name,
-            deliver,
-            move |shared, name| {
-                accept(shared, name, &listener);
-            },
-        )
+        Self::start(Peers::learned(), local, name, inlet, move |shared, name| {
+            accept(shared, name, &listener);
+        })
     }
 
     /// Connects to `HOST:PORT`, and again when the connection is lost.
-    pub(super) fn connect(to: String, name: String, deliver: Deliver) -> io::Result<Self> {
+    pub(super) fn connect(to: String, name: String, inlet: Inlet) -> io::Result<Self> {
         let open: Opener = Box::new(move || {
             let stream = TcpStream::connect_timeout(&address_of(&to)?, CONNECT_WITHIN)?;
             prepare(&stream)?;
             Ok(Box::new(stream))
         });
-        Self::keep(open, name, deliver)
+        Self::keep(open, name, inlet)
     }
 
     /// Opens a serial port, and again when it is gone.
@@ -130,18 +125,18 @@ impl Stream {
         device: String,
         baud: u32,
         name: String,
-        deliver: Deliver,
+        inlet: Inlet,
     ) -> io::Result<Self> {
         let open: Opener = Box::new(move || {
             let port = serialport::new(&device, baud).timeout(POLL).open()?;
             Ok(Box::new(Port(port)))
         });
-        Self::keep(open, name, deliver)
+        Self::keep(open, name, inlet)
     }
 
-    fn keep(open: Opener, name: String, deliver: Deliver) -> io::Result<Self> {
+    fn keep(open: Opener, name: String, inlet: Inlet) -> io::Result<Self> {
         let peers = Peers::fixed(THE_PEER);
-        Self::start(peers, None, name, deliver, move |shared, _name| {
+        Self::start(peers, None, name, inlet, move |shared, _name| {
             keep_open(shared, &open);
         })
     }
@@ -150,13 +145,14 @@ impl Stream {
         peers: Peers,
         local: Option<SocketAddr>,
         name: String,
-        deliver: Deliver,
+        inlet: Inlet,
         run: impl FnOnce(&Arc<Shared>, &str) + Send + 'static,
     ) -> io::Result<Self> {
         let shared = Arc::new(Shared {
             peers: Mutex::new(peers),
             outboxes: Mutex::new(BTreeMap::new()),
-            deliver: Mutex::new(deliver),
+            deliver: Mutex::new(inlet.deliver),
+            guard: inlet.guard,
             problem: Mutex::new(None),
             counters: Counters::default(),
             stop: Stop::default(),
@@ -311,6 +307,7 @@ fn read(shared: &Shared, peer: SocketAddr, connection: &mut dyn Connection) -> i
     let mut bad = 0;
     let mut last_heard = monotonic_now();
     while !shared.stop.is_due() {
+        shared.guard.keep();
         let length = match connection.read(&mut bytes) {
             Ok(0) => return Err(ErrorKind::ConnectionAborted.into()),
             Ok(length) => length,
@@ -326,6 +323,9 @@ fn read(shared: &Shared, peer: SocketAddr, connection: &mut dyn Connection) -> i
         shared.counters.received(length);
         parser.push(&bytes[..length]);
         for frame in parser.by_ref().flatten() {
+            if !shared.guard.takes(&frame) {
+                continue;
+            }
             shared.counters.heard();
             lock(&shared.peers).learn(peer, frame.from(), shared.opened.elapsed());
             (lock(&shared.deliver))(frame);

@@ -201,3 +201,90 @@ fn a_serial_port_that_is_not_there_is_named() {
     let problem = link.problem().expect("it is not there");
     assert!(problem.contains("No such file"), "{problem}");
 }
+
+/// A folder with two keys.
+fn keys() -> (tempfile::TempDir, [String; 2]) {
+    let folder = tempfile::tempdir().expect("a place for files");
+    let keys = [1, 2].map(|number| {
+        let path = folder.path().join(format!("{number}.key"));
+        let key = crate::signing::SigningKey::new([number; 32]);
+        crate::signing::KeyFile::new(&path)
+            .create(&key)
+            .expect("a new file");
+        path.display().to_string()
+    });
+    (folder, keys)
+}
+
+fn signed(uri: &str, policy: &str, key: &str) -> String {
+    format!("{uri}?signing={policy}&key={key}")
+}
+
+#[test]
+fn only_who_has_the_key_is_heard_and_answered() {
+    let (folder, [key, other_key]) = keys();
+    for way in ["udp", "tcp"] {
+        let (listener, heard) = open(&signed(&format!("{way}in:127.0.0.1:0"), "required", &key));
+        let there = format!("{way}out:{}", address(&listener));
+        let (stranger, _) = open(&there);
+        let (wrong, _) = open(&signed(&there, "accepted", &other_key));
+        let frame = heartbeat(Address::new(1, 1));
+        let begun = monotonic_now();
+        let rejected = |stats: SigningStats| (stats.rejected_unsigned, stats.rejected_wrong_key);
+        while begun.elapsed() < PATIENCE {
+            stranger.send(&frame).expect("loopback takes it");
+            wrong.send(&frame).expect("loopback takes it");
+            let (unsigned, wrongly) = rejected(listener.signing_stats());
+            if unsigned > 0 && wrongly > 0 {
+                break;
+            }
+            assert!(heard.recv_timeout(POLL).is_err(), "nothing is taken");
+        }
+        let (unsigned, wrongly) = rejected(listener.signing_stats());
+        assert!(
+            unsigned > 0 && wrongly > 0,
+            "{:?}",
+            listener.signing_stats()
+        );
+        let problem = listener.problem().unwrap_or_default();
+        assert!(problem.starts_with("frames are not taken"), "{problem}");
+        assert_eq!(listener.stats().frames_received, 0);
+        if way == "udp" {
+            assert_eq!(listener.stats().peers, 0, "nothing is sent to them");
+        }
+        let (friend, friend_hears) = open(&signed(&there, "required", &key));
+        let begun = monotonic_now();
+        let came = loop {
+            friend.send(&frame).expect("loopback takes it");
+            match heard.recv_timeout(POLL) {
+                Ok(came) => break came,
+                Err(_) => assert!(begun.elapsed() < PATIENCE, "{:?}", listener.problem()),
+            }
+        };
+        assert!(came.is_signed());
+        assert_eq!(came.decode().ok(), frame.decode().ok());
+        let answer = command_for(Address::new(1, 1));
+        listener.send(&answer).expect("loopback takes it");
+        let back = friend_hears.recv_timeout(PATIENCE).expect("it is a peer");
+        assert_eq!(back.decode().ok(), answer.decode().ok());
+    }
+    assert!(folder.path().join("1.key.timestamp").exists());
+}
+
+#[test]
+fn a_key_that_cannot_be_used_is_an_error_that_names_it() {
+    let (_folder, [key, _]) = keys();
+    let opened = |key: &str| {
+        let uri = signed("udpin:127.0.0.1:0", "required", key);
+        Link::open(&uri, |_| ())
+            .map(|_| ())
+            .map_err(|error| error.to_string())
+    };
+    assert_eq!(opened(&key), Ok(()));
+    let missing = opened("/nowhere/link.key").expect_err("no such file");
+    assert!(missing.contains("/nowhere/link.key"), "{missing}");
+    let mode = std::os::unix::fs::PermissionsExt::from_mode(0o644);
+    std::fs::set_permissions(&key, mode).expect("ours");
+    let exposed = opened(&key).expect_err("others may read it");
+    assert!(exposed.contains(&key), "{exposed}");
+}

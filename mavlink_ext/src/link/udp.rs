@@ -8,7 +8,7 @@ use std::time::Instant;
 
 use super::counters::Counters;
 use super::peers::Peers;
-use super::{Deliver, LinkError, LinkStats, POLL, Stop, lock, monotonic_now};
+use super::{Inlet, LinkError, LinkStats, POLL, Stop, lock, monotonic_now};
 use crate::wire::{Parser, RawFrame};
 
 /// No UDP datagram is longer.
@@ -32,24 +32,24 @@ pub(super) struct Udp {
 
 impl Udp {
     /// Listens there, and answers whom it hears.
-    pub(super) fn listen(at: SocketAddr, name: String, deliver: Deliver) -> io::Result<Self> {
-        Self::start(UdpSocket::bind(at)?, Peers::learned(), name, deliver)
+    pub(super) fn listen(at: SocketAddr, name: String, inlet: Inlet) -> io::Result<Self> {
+        Self::start(UdpSocket::bind(at)?, Peers::learned(), name, inlet)
     }
 
     /// Sends there.
-    pub(super) fn connect(to: SocketAddr, name: String, deliver: Deliver) -> io::Result<Self> {
+    pub(super) fn connect(to: SocketAddr, name: String, inlet: Inlet) -> io::Result<Self> {
         let any = if to.is_ipv4() { "0.0.0.0:0" } else { "[::]:0" };
-        Self::start(UdpSocket::bind(any)?, Peers::fixed(to), name, deliver)
+        Self::start(UdpSocket::bind(any)?, Peers::fixed(to), name, inlet)
     }
 
     /// Sends to all that listen at this port of a network, until one of them answers: then to those that do.
-    pub(super) fn broadcast(to: SocketAddr, name: String, deliver: Deliver) -> io::Result<Self> {
+    pub(super) fn broadcast(to: SocketAddr, name: String, inlet: Inlet) -> io::Result<Self> {
         let socket = UdpSocket::bind("0.0.0.0:0")?;
         socket.set_broadcast(true)?;
-        Self::start(socket, Peers::called(to), name, deliver)
+        Self::start(socket, Peers::called(to), name, inlet)
     }
 
-    fn start(socket: UdpSocket, peers: Peers, name: String, deliver: Deliver) -> io::Result<Self> {
+    fn start(socket: UdpSocket, peers: Peers, name: String, inlet: Inlet) -> io::Result<Self> {
         socket.set_read_timeout(Some(POLL))?;
         let local = socket.local_addr()?;
         let shared = Arc::new(Shared {
@@ -62,7 +62,7 @@ impl Udp {
         let for_reader = Arc::clone(&shared);
         let reader = thread::Builder::new()
             .name(name)
-            .spawn(move || read(&for_reader, deliver))?;
+            .spawn(move || read(&for_reader, inlet))?;
         Ok(Self {
             shared,
             reader: Some(reader),
@@ -111,9 +111,10 @@ impl Drop for Udp {
     }
 }
 
-fn read(shared: &Shared, mut deliver: Deliver) {
+fn read(shared: &Shared, mut inlet: Inlet) {
     let mut datagram = vec![0; MAX_DATAGRAM];
     while !shared.stop.is_due() {
+        inlet.guard.keep();
         let Ok((length, sender)) = shared.socket.recv_from(&mut datagram) else {
             continue; // Nothing for a while, or an earlier datagram was refused by its receiver.
         };
@@ -124,9 +125,12 @@ fn read(shared: &Shared, mut deliver: Deliver) {
         let mut parser = Parser::new();
         parser.push(&datagram[..length]);
         for frame in parser.by_ref().flatten() {
+            if !inlet.guard.takes(&frame) {
+                continue;
+            }
             shared.counters.heard();
             lock(&shared.peers).learn(sender, frame.from(), shared.opened.elapsed());
-            deliver(frame);
+            (inlet.deliver)(frame);
         }
         parser.finish();
         shared.counters.bad(parser.bad_frames());

@@ -4,6 +4,8 @@ use std::fs::{self, OpenOptions};
 use std::io::{self, Read as _, Write as _};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
+use std::process;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
 
 use super::{SigningKey, Timestamp};
@@ -12,6 +14,8 @@ use super::{SigningKey, Timestamp};
 const AHEAD: Timestamp = Timestamp::from_duration(Duration::from_mins(1));
 /// Read and written by its owner only.
 const MODE: u32 = 0o600;
+/// Timestamps written by this program: each goes through a file of its own.
+static WRITES: AtomicU32 = AtomicU32::new(0);
 const OTHERS: u32 = 0o077;
 const DIGIT: &[u8; 16] = b"0123456789abcdef";
 /// Hexadecimal digits of a key.
@@ -120,7 +124,13 @@ impl KeyFile {
     /// Keeps the highest timestamp, for the next start. To be called at least every half minute.
     pub fn keep(&self, timestamp: Timestamp) -> Result<(), KeyError> {
         let path = self.timestamp_path();
-        let partial = path.with_extension("timestamp.partial");
+        // Several links may keep the timestamps of one key, in one program or in several.
+        let unique = format!(
+            "{}.{}",
+            process::id(),
+            WRITES.fetch_add(1, Ordering::Relaxed)
+        );
+        let partial = path.with_extension(format!("timestamp.{unique}"));
         let write = |to: &Path| {
             let mut file = OpenOptions::new()
                 .write(true)
@@ -131,9 +141,12 @@ impl KeyFile {
             writeln!(file, "{}", timestamp.0)?;
             file.sync_all()
         };
-        write(&partial)
-            .and_then(|()| fs::rename(&partial, &path))
-            .map_err(|source| KeyError::Write { path, source })
+        let kept = write(&partial).and_then(|()| fs::rename(&partial, &path));
+        if kept.is_err() {
+            // It may not be there: what matters is why nothing was kept.
+            fs::remove_file(&partial).unwrap_or_default();
+        }
+        kept.map_err(|source| KeyError::Write { path, source })
     }
 
     fn timestamp_path(&self) -> PathBuf {

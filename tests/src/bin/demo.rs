@@ -61,6 +61,7 @@ fn main() -> anyhow::Result<()> {
         out: arguments.out,
         window,
         show: Show::Lines,
+        key: None,
     };
     let report = demo::run(&scenario, &options, started)?;
     let text = serde_json::to_string_pretty(&report).context("cannot show the report")?;

@@ -90,7 +90,7 @@ impl Scenario {
             &mut config,
             "links",
             "ground",
-            format!("udpout:127.0.0.1:{}", ports.ground),
+            format!("udpout:127.0.0.1:{}{}", ports.ground, options.signing()),
         );
         Ok(config)
     }
