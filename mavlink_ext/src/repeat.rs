@@ -19,11 +19,15 @@ use crate::wire::{Address, RawFrame};
 
 /// Copies are sent until all are lost with this probability at most.
 const ALL_LOST: f64 = 0.001;
-/// No frame is sent more often, however bad the link is.
-const MAX_COPIES: u32 = 8;
+/// No frame is sent more often at once, however bad the link is.
+const MAX_TIMES: u32 = 8;
+/// Where losses come in bursts it goes so often: over 45 ms, which most bursts do not last.
+const TIMES_IN_BURSTS: u32 = 10;
+/// More frames than this lost one after the other, on average, are bursts: at a loss of a half, two are chance.
+const BURST: f64 = 2.5;
 /// Less loss than this is none.
 const LEAST_LOSS: f64 = 0.005;
-/// Time from one copy to the next: bursts of losses are short.
+/// Time from one copy to the next.
 const SPACING: Duration = Duration::from_millis(5);
 /// Further copies of a command that is not acknowledged, in milliseconds: until it is repeated as MAVLink says.
 const LATE_MS: [u64; 8] = [60, 90, 135, 200, 300, 450, 680, 1000];
@@ -37,8 +41,9 @@ const REMEMBERED: Duration = Duration::from_secs(3);
 const REMEMBERED_BRIEFLY: Duration = Duration::from_millis(500);
 /// Frames remembered at most, of each kind.
 const MAX_REMEMBERED: usize = 1 << 14;
-/// Half of the weight of what was received is gone after so many frames.
-const MEMORY_FRAMES: f64 = 200.0;
+/// Half of the weight of what was received is gone after so many frames: soon, so that a link that gets worse is noticed, and
+/// late, since hundreds of frames may come between two bursts. The worse of both counts.
+const MEMORY_FRAMES: [f64; 2] = [200.0, 2000.0];
 /// Fewer frames than this say nothing about loss.
 const MIN_FRAMES: f64 = 20.0;
 /// Senders whose sequence is followed.
@@ -56,7 +61,7 @@ fn is_awaited(frame: &RawFrame) -> bool {
 /// Sends copies of what an answer is waited for.
 #[derive(Clone, Debug, Default)]
 pub struct Repeater {
-    loss: f64,
+    loss: Loss,
     /// What goes next, and when; by time.
     waiting: BTreeMap<(Stamp, u64), RawFrame>,
     counted: u64,
@@ -85,18 +90,23 @@ impl Repeater {
         Self::default()
     }
 
-    /// The share of frames that the link loses, 0 to 1.
-    pub fn set_loss(&mut self, share: f64) {
-        self.loss = share;
+    /// What the link loses.
+    pub fn set_loss(&mut self, loss: Loss) {
+        self.loss = loss;
     }
 
     /// A frame was sent: its copies, if it gets any, will come from [`Self::tick`].
     pub fn sent(&mut self, now: Stamp, frame: &RawFrame) {
-        if !is_awaited(frame) || self.loss < LEAST_LOSS {
+        let Loss { share, run } = self.loss;
+        if !is_awaited(frame) || share < LEAST_LOSS {
             return;
         }
-        let times = (ALL_LOST.ln() / self.loss.min(0.9).ln()).ceil() as u32;
-        for copy in 1..times.min(MAX_COPIES) {
+        let times = if run > BURST {
+            TIMES_IN_BURSTS
+        } else {
+            ((ALL_LOST.ln() / share.min(0.9).ln()).ceil() as u32).min(MAX_TIMES)
+        };
+        for copy in 1..times {
             self.wait(now + SPACING * copy, frame);
         }
         match frame.message_id() {
@@ -196,7 +206,9 @@ impl Memory {
                 self.known.remove(&hash);
             }
         }
-        let hash = self.hasher.hash_one(frame.bytes());
+        // Each copy is signed anew when it leaves.
+        let copy = (frame.from(), frame.sequence(), frame.message_id());
+        let hash = self.hasher.hash_one((copy, frame.payload()));
         let is_new = self.known.insert(hash);
         if is_new {
             self.order.push_back((now, hash));
@@ -205,14 +217,44 @@ impl Memory {
     }
 }
 
-/// Which share of the frames sent to us is lost.
+/// What a link loses.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Loss {
+    /// Share of the frames, 0 to 1.
+    pub share: f64,
+    /// How many are lost one after the other, on average; 0 if none.
+    pub run: f64,
+}
+
+/// Counts that decay.
+#[derive(Clone, Copy, Debug, Default)]
+struct Tally {
+    came: f64,
+    missing: f64,
+    /// Runs of missing frames.
+    runs: f64,
+}
+
+impl Tally {
+    fn count(&mut self, missing: f64, memory_frames: f64) {
+        let keep = 0.5_f64.powf(1.0 / memory_frames);
+        self.came = self.came * keep + 1.0;
+        self.missing = (self.missing * keep + missing).max(0.0);
+        self.runs = self.runs * keep + f64::from(u8::from(missing > 0.0));
+    }
+
+    fn share(&self) -> f64 {
+        self.missing / (self.came + self.missing)
+    }
+}
+
+/// What of the frames sent to us is lost.
 #[derive(Clone, Debug, Default)]
 pub struct Reception {
     /// The highest sequence number of each sender, and which of the 128 up to it came: the lowest bit is its own.
     last: BTreeMap<Address, (u8, u128)>,
-    /// Frames that came, and that did not, decaying.
-    came: f64,
-    missing: f64,
+    /// For each of [`MEMORY_FRAMES`].
+    tallies: [Tally; 2],
 }
 
 impl Reception {
@@ -245,14 +287,21 @@ impl Reception {
             (-1.0, (last, came | bit))
         };
         self.last.insert(from, now);
-        let keep = 0.5_f64.powf(1.0 / MEMORY_FRAMES);
-        self.came = self.came * keep + 1.0;
-        self.missing = (self.missing * keep + missing).max(0.0);
+        for (tally, memory) in self.tallies.iter_mut().zip(MEMORY_FRAMES) {
+            tally.count(missing, memory);
+        }
     }
 
-    /// The share of frames lost lately, 0 to 1; `None` before enough came.
-    pub fn loss(&self) -> Option<f64> {
-        (self.came >= MIN_FRAMES).then(|| self.missing / (self.came + self.missing))
+    /// What was lost lately; `None` before enough came.
+    pub fn loss(&self) -> Option<Loss> {
+        let [_, late] = &self.tallies;
+        let share = self.tallies.iter().map(Tally::share).fold(0.0, f64::max);
+        let run = if late.runs > 0.0 {
+            late.missing / late.runs
+        } else {
+            0.0
+        };
+        (late.came >= MIN_FRAMES).then_some(Loss { share, run })
     }
 }
 
@@ -264,6 +313,10 @@ mod tests {
     use crate::wire::Encoder;
 
     const STATION: Address = Address::new(255, 190);
+    const EVEN: Loss = Loss {
+        share: 0.2,
+        run: 1.2,
+    };
 
     fn at(millis: u64) -> Stamp {
         Stamp::ZERO + Duration::from_millis(millis)
@@ -282,7 +335,10 @@ mod tests {
         let mut encoder = Encoder::new(STATION);
         for (loss, copies) in [(0.0, 0), (0.05, 2), (0.2, 4), (0.3, 5), (1.0, 7)] {
             let mut repeater = Repeater::new();
-            repeater.set_loss(loss);
+            repeater.set_loss(Loss {
+                share: loss,
+                run: 1.0,
+            });
             let frame = command(&mut encoder);
             repeater.sent(at(0), &frame);
             repeater.sent(at(0), &heartbeat(&mut encoder));
@@ -295,7 +351,7 @@ mod tests {
     #[test]
     fn copies_end_with_the_acknowledgement_which_is_repeated_for_each_that_still_comes() {
         let mut station = Repeater::new();
-        station.set_loss(0.2);
+        station.set_loss(EVEN);
         let sent = command(&mut Encoder::new(STATION));
         station.sent(at(0), &sent);
         let early: Vec<RawFrame> = (1..60).flat_map(|ms| station.tick(at(ms))).collect();
@@ -303,7 +359,7 @@ mod tests {
         assert_eq!(station.tick(at(60)).len(), 1, "nothing was heard");
 
         let mut uav = Repeater::new();
-        uav.set_loss(0.2);
+        uav.set_loss(EVEN);
         let ack = Message::COMMAND_ACK(COMMAND_ACK_DATA::default());
         let ack = Encoder::new(Address::new(1, 191)).encode(&ack);
         uav.heard(at(90), &sent, false);
@@ -335,7 +391,7 @@ mod tests {
         let mut duplicates = Duplicates::new();
         let mut reception = Reception::new();
         let mut repeater = Repeater::new();
-        repeater.set_loss(0.3);
+        repeater.set_loss(EVEN);
         for sender in 0..40_000_u32 {
             let [system, component, ..] = sender.to_le_bytes();
             let frame = command(&mut Encoder::new(Address::new(system, component)));
@@ -370,6 +426,34 @@ mod tests {
             }
         }
         let loss = reception.loss().expect("enough came");
-        assert!((loss - 0.1).abs() < 0.02, "{loss}");
+        assert!((loss.share - 0.1).abs() < 0.02, "{loss:?}");
+        assert!(loss.run < 1.1, "{loss:?}");
+    }
+
+    #[test]
+    fn bursts_are_told_from_single_losses_and_a_command_is_spread_over_them() {
+        let mut encoder = Encoder::new(STATION);
+        let mut reception = Reception::new();
+        let mut repeater = Repeater::new();
+        let mut copies = Vec::new();
+        // Nine in three hundred, one after the other.
+        for number in 0..3000 {
+            let frame = heartbeat(&mut encoder);
+            if number % 300 < 9 {
+                continue;
+            }
+            reception.heard(&frame);
+            if number % 300 == 299 {
+                repeater.set_loss(reception.loss().expect("enough came"));
+                repeater.sent(at(0), &command(&mut Encoder::new(STATION)));
+                copies.push((0..50).map(|ms| repeater.tick(at(ms)).len()).sum::<usize>());
+            }
+        }
+        let loss = reception.loss().expect("enough came");
+        assert!(
+            (loss.share - 0.03).abs() < 0.01 && (loss.run - 9.0).abs() < 1.0,
+            "{loss:?}"
+        );
+        assert_eq!(copies[1..], [9; 9], "also long after a burst");
     }
 }
