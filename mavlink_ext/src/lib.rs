@@ -9,18 +9,19 @@
 //! - [`link`]: UDP links.
 //! - [`presence`]: heartbeats, ours and others'.
 //! - [`command`]: commands and their acknowledgements, both ends.
+//! - [`intervals`]: how often messages are sent, both ends.
 //! - [`mission`]: the mission protocol, both ends.
 //! - [`object`]: whole objects over lossy links, with a fountain code.
 //! - [`params`]: parameters, both ends.
 //! - [`router`]: which links a frame goes out on.
 //! - [`timesync`]: how a peer's clock relates to ours.
-//! - [`tlog`]: telemetry logs.
 //! - [`service`]: the form that all services have.
 
 pub mod command;
 pub mod convert;
 pub mod dialect;
 pub mod ftp;
+pub mod intervals;
 pub mod link;
 pub mod mission;
 pub mod object;
