@@ -14,7 +14,9 @@
 //! - [`object`]: whole objects over lossy links, with a fountain code.
 //! - [`params`]: parameters, both ends.
 //! - [`router`]: which links a frame goes out on.
+//! - [`telemetry`]: a companion about itself and its surroundings.
 //! - [`timesync`]: how a peer's clock relates to ours.
+//! - [`tlog`]: telemetry logs.
 //! - [`service`]: the form that all services have.
 
 pub mod command;
@@ -32,6 +34,7 @@ pub mod router;
 pub mod service;
 pub mod signing;
 pub mod statustext;
+pub mod telemetry;
 pub mod timesync;
 pub mod tlog;
 pub mod wire;
