@@ -10,6 +10,7 @@
 //! - [`presence`]: heartbeats, ours and others'.
 //! - [`command`]: commands and their acknowledgements, both ends.
 //! - [`intervals`]: how often messages are sent, both ends.
+//! - [`metadata`]: files that describe a component.
 //! - [`mission`]: the mission protocol, both ends.
 //! - [`object`]: whole objects over lossy links, with a fountain code.
 //! - [`params`]: parameters, both ends.
@@ -25,6 +26,7 @@ pub mod dialect;
 pub mod ftp;
 pub mod intervals;
 pub mod link;
+pub mod metadata;
 pub mod mission;
 pub mod object;
 pub mod params;
