@@ -2,27 +2,25 @@
 //!
 //! A client repeats a command until it is acknowledged, counting `confirmation` up, and waits longer while the vehicle
 //! says that it is in progress. At most one command of a number is under way at one vehicle, since an acknowledgement
-//! names only the number. <https://mavlink.io/en/services/command.html>
+//! names only the number. A command under way can be cancelled, and a newer one can take the place of those that are still
+//! repeated. <https://mavlink.io/en/services/command.html>
 
-use std::collections::BTreeMap;
-use std::time::Duration;
-
-use maps::time::Stamp;
+mod client;
+#[cfg(test)]
+mod tests;
 
 use crate::convert::{deg_to_e7, e7_to_deg};
 use crate::dialect::Message;
 use crate::dialect::tandem::{
     COMMAND_ACK_DATA, COMMAND_INT_DATA, COMMAND_LONG_DATA, MavFrame, MavResult,
 };
-use crate::service::{Due, Retry, Step, is_for};
+use crate::service::is_for;
 use crate::wire::Address;
 
-/// Silence before a command is repeated.
-const TIMEOUT: Duration = Duration::from_millis(1500);
-/// How often it is repeated.
-const RETRIES: u32 = 3;
-/// Silence borne after the vehicle has said that the command is in progress.
-const PROGRESS_TIMEOUT: Duration = Duration::from_secs(10);
+pub use client::{Client, Superseding};
+
+/// `COMMAND_ACK.progress` where it is not known.
+const PROGRESS_UNKNOWN: u8 = u8::MAX;
 
 /// What is to be done.
 #[derive(Clone, Debug, PartialEq)]
@@ -146,109 +144,11 @@ pub enum CommandError {
     },
 }
 
-/// A client's commands under way.
-#[derive(Clone, Debug)]
-pub struct Client {
-    own: Address,
-    running: BTreeMap<(Address, u16), Running>,
-}
-
-#[derive(Clone, Debug)]
-struct Running {
-    request: Request,
-    tries: u32,
-    retry: Retry,
-}
-
-impl Client {
-    /// A client at this address with nothing under way.
-    pub fn new(own: Address) -> Self {
-        Self {
-            own,
-            running: BTreeMap::new(),
-        }
-    }
-
-    /// Whether this command is under way at this vehicle.
-    pub fn is_running(&self, vehicle: Address, command: u16) -> bool {
-        self.running.contains_key(&(vehicle, command))
-    }
-
-    /// Begins a command.
-    pub fn start(
-        &mut self,
-        now: Stamp,
-        vehicle: Address,
-        request: Request,
-    ) -> Result<Message, CommandError> {
-        let command = request.command();
-        if self.is_running(vehicle, command) {
-            return Err(CommandError::UnderWay { command });
-        }
-        let message = request.to_message(vehicle, 0);
-        let running = Running {
-            request,
-            tries: 1,
-            retry: Retry::new(now, TIMEOUT, RETRIES),
-        };
-        self.running.insert((vehicle, command), running);
-        Ok(message)
-    }
-
-    /// Tells it of any message that came in.
-    pub fn handle(&mut self, now: Stamp, from: Address, message: &Message) -> Step<Outcome> {
-        let Message::COMMAND_ACK(ack) = message else {
-            return Step::none();
-        };
-        let key = (from, ack.command);
-        let Some(running) = self
-            .running
-            .get_mut(&key)
-            .filter(|_| is_for(self.own, message))
-        else {
-            return Step::none();
-        };
-        if ack.result == MavResult::MAV_RESULT_IN_PROGRESS {
-            running.retry = Retry::new(now, PROGRESS_TIMEOUT, 0);
-            return Step::none();
-        }
-        self.running.remove(&key);
-        let result = match ack.result {
-            MavResult::MAV_RESULT_ACCEPTED => Ok(()),
-            result => Err(CommandError::Refused { result }),
-        };
-        Step::event(Outcome {
-            vehicle: from,
-            command: ack.command,
-            result,
-        })
-    }
-
-    /// Lets time pass: repeats what was not answered, and gives up in the end.
-    pub fn tick(&mut self, now: Stamp) -> Step<Outcome> {
-        let mut step = Step::none();
-        self.running.retain(
-            |&(vehicle, command), running| match running.retry.check(now) {
-                Due::Nothing => true,
-                Due::Again => {
-                    let confirmation = running.tries as u8;
-                    running.tries += 1;
-                    step.send
-                        .push(running.request.to_message(vehicle, confirmation));
-                    true
-                }
-                Due::GiveUp => {
-                    let tries = running.tries;
-                    step.events.push(Outcome {
-                        vehicle,
-                        command,
-                        result: Err(CommandError::NoAnswer { tries }),
-                    });
-                    false
-                }
-            },
-        );
-        step
+impl CommandError {
+    /// Whether the vehicle ended it because it was told to: `MAV_RESULT_CANCELLED`.
+    pub fn is_cancelled(self) -> bool {
+        let result = MavResult::MAV_RESULT_CANCELLED;
+        self == Self::Refused { result }
     }
 }
 
@@ -323,10 +223,21 @@ impl Incoming {
 
     /// The acknowledgement.
     pub fn ack(&self, result: MavResult) -> Message {
+        self.ack_with(result, 0)
+    }
+
+    /// The acknowledgement that it is being carried out, 0 to 100 percent of it done; `None` if that is not known. To be
+    /// repeated every few seconds until it is done: a client waits 10 s for the next.
+    pub fn in_progress(&self, percent: Option<u8>) -> Message {
+        let progress = percent.map_or(PROGRESS_UNKNOWN, |percent| percent.min(100));
+        self.ack_with(MavResult::MAV_RESULT_IN_PROGRESS, progress)
+    }
+
+    fn ack_with(&self, result: MavResult, progress: u8) -> Message {
         Message::COMMAND_ACK(COMMAND_ACK_DATA {
             command: self.command,
             result,
-            progress: 0,
+            progress,
             result_param2: 0,
             target_system: self.from.system.0,
             target_component: self.from.component.0,
@@ -334,102 +245,27 @@ impl Incoming {
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::dialect::cmd;
+/// A `COMMAND_CANCEL` that a vehicle received. It has no answer of its own: the command that it ends is acknowledged with
+/// `MAV_RESULT_CANCELLED`, to whoever gave it ([`Incoming::ack`]). One that is over needs nothing.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Cancel {
+    /// Who cancels; perhaps not who commanded.
+    pub from: Address,
+    /// `MAV_CMD`.
+    pub command: u16,
+}
 
-    const OWN: Address = Address::new(255, 190);
-    const ROVER: Address = Address::new(2, 1);
-    const ARM: fn() -> Request = || Request::long(cmd::COMPONENT_ARM_DISARM, &[1.0]);
-
-    fn at(millis: u64) -> Stamp {
-        Stamp::ZERO + Duration::from_millis(millis)
-    }
-
-    fn answer(message: &Message, result: MavResult) -> Message {
-        Incoming::parse(ROVER, OWN, message)
-            .expect("a command for the rover")
-            .ack(result)
-    }
-
-    #[test]
-    fn a_lost_command_is_repeated_with_its_confirmation_counted_up() {
-        let mut client = Client::new(OWN);
-        let first = client
-            .start(at(0), ROVER, ARM())
-            .expect("nothing under way");
-        assert_eq!(
-            client.start(at(1), ROVER, ARM()),
-            Err(CommandError::UnderWay { command: 400 })
-        );
-        let again = client.tick(at(1500)).send;
-        let confirmation = |message: &Message| {
-            Incoming::parse(ROVER, OWN, message).map(|command| command.confirmation)
+impl Cancel {
+    /// The cancellation in a message for `own`; `None` if it is another message, for somebody else, or for all, which the
+    /// protocol forbids.
+    pub fn parse(own: Address, from: Address, message: &Message) -> Option<Self> {
+        let Message::COMMAND_CANCEL(cancel) = message else {
+            return None;
         };
-        assert_eq!(confirmation(&first), Some(0));
-        assert_eq!(
-            again.iter().map(confirmation).collect::<Vec<_>>(),
-            [Some(1)]
-        );
-        let accepted = answer(&again[0], MavResult::MAV_RESULT_ACCEPTED);
-        let outcome = client.handle(at(1600), ROVER, &accepted).events;
-        assert_eq!(outcome[0].result, Ok(()));
-        assert!(client.tick(at(60_000)).send.is_empty(), "it is over");
-    }
-
-    #[test]
-    fn silence_ends_after_four_tries() {
-        let mut client = Client::new(OWN);
-        client
-            .start(at(0), ROVER, ARM())
-            .expect("nothing under way");
-        let mut sent = 1;
-        let mut outcomes = Vec::new();
-        for tick in 0..200 {
-            let step = client.tick(at(tick * 100));
-            sent += step.send.len();
-            outcomes.extend(step.events);
-        }
-        assert_eq!(sent, 4);
-        assert_eq!(outcomes.len(), 1);
-        assert_eq!(outcomes[0].result, Err(CommandError::NoAnswer { tries: 4 }));
-    }
-
-    #[test]
-    fn progress_lengthens_the_wait_and_a_refusal_ends_it() {
-        let mut client = Client::new(OWN);
-        let message = client
-            .start(at(0), ROVER, ARM())
-            .expect("nothing under way");
-        let in_progress = answer(&message, MavResult::MAV_RESULT_IN_PROGRESS);
-        assert_eq!(client.handle(at(100), ROVER, &in_progress), Step::none());
-        assert_eq!(client.tick(at(9_000)), Step::none(), "not repeated");
-        let denied = answer(&message, MavResult::MAV_RESULT_DENIED);
-        let other = Address::new(1, 1);
-        assert_eq!(client.handle(at(9_500), other, &denied), Step::none());
-        let step = client.handle(at(9_500), ROVER, &denied);
-        let result = MavResult::MAV_RESULT_DENIED;
-        assert_eq!(step.events[0].result, Err(CommandError::Refused { result }));
-    }
-
-    #[test]
-    fn a_position_keeps_its_centimetres() {
-        let request = Request::At {
-            command: cmd::DO_REPOSITION,
-            frame: MavFrame::MAV_FRAME_GLOBAL_RELATIVE_ALT,
-            params: [0.0; 4],
-            lat_deg: 52.123_456_7,
-            lon_deg: -13.765_432_1,
-            alt_m: 12.5,
-        };
-        let mut client = Client::new(OWN);
-        let message = client
-            .start(at(0), ROVER, request)
-            .expect("nothing under way");
-        let received = Incoming::parse(ROVER, OWN, &message).expect("for the rover");
-        assert!((received.x - 52.123_456_7).abs() < 1e-9);
-        assert!((received.y + 13.765_432_1).abs() < 1e-9);
-        assert_eq!(Incoming::parse(Address::new(1, 1), OWN, &message), None);
+        let is_ours = cancel.target_system != 0 && is_for(own, message);
+        is_ours.then_some(Self {
+            from,
+            command: cancel.command,
+        })
     }
 }

@@ -9,12 +9,14 @@
 mod item;
 mod odometry;
 mod pose;
+mod vision;
 
 pub use item::{ItemError, MissionFrame, MissionItem};
 pub use odometry::{Odometry, odometry_message, odometry_pose};
 pub use pose::{
     Attitude, LocalPosition, attitude, global_position, local_position, world_from_body,
 };
+pub use vision::vision_message;
 
 use maps::frame::{Body, Vector, World};
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};

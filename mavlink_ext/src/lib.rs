@@ -9,10 +9,13 @@
 //! - [`link`]: UDP links.
 //! - [`presence`]: heartbeats, ours and others'.
 //! - [`command`]: commands and their acknowledgements, both ends.
+//! - [`intervals`]: how often messages are sent, both ends.
+//! - [`metadata`]: files that describe a component.
 //! - [`mission`]: the mission protocol, both ends.
 //! - [`object`]: whole objects over lossy links, with a fountain code.
 //! - [`params`]: parameters, both ends.
 //! - [`router`]: which links a frame goes out on.
+//! - [`telemetry`]: a companion about itself and its surroundings.
 //! - [`timesync`]: how a peer's clock relates to ours.
 //! - [`tlog`]: telemetry logs.
 //! - [`service`]: the form that all services have.
@@ -21,7 +24,9 @@ pub mod command;
 pub mod convert;
 pub mod dialect;
 pub mod ftp;
+pub mod intervals;
 pub mod link;
+pub mod metadata;
 pub mod mission;
 pub mod object;
 pub mod params;
@@ -31,6 +36,7 @@ pub mod router;
 pub mod service;
 pub mod signing;
 pub mod statustext;
+pub mod telemetry;
 pub mod timesync;
 pub mod tlog;
 pub mod wire;

@@ -72,12 +72,13 @@ pub struct Repeater {
 const COMMAND_INT: u32 = 75;
 const COMMAND_LONG: u32 = 76;
 const COMMAND_ACK: u32 = 77;
+const COMMAND_CANCEL: u32 = 80;
 
 /// Which command a frame is about; MAVLink 2 leaves zeros at the end out.
 fn command_in(frame: &RawFrame) -> Option<u16> {
     let offset = match frame.message_id() {
         COMMAND_INT | COMMAND_LONG => 28,
-        COMMAND_ACK => 0,
+        COMMAND_ACK | COMMAND_CANCEL => 0,
         _ => return None,
     };
     let at = |place: usize| frame.payload().get(place).copied().unwrap_or(0);
@@ -97,6 +98,13 @@ impl Repeater {
 
     /// A frame was sent: its copies, if it gets any, will come from [`Self::tick`].
     pub fn sent(&mut self, now: Stamp, frame: &RawFrame) {
+        if frame.message_id() == COMMAND_CANCEL {
+            // A late copy of the command would begin it again.
+            let (vehicle, command) = (frame.target(), command_in(frame));
+            if let (Some(vehicle), Some(command)) = (vehicle, command) {
+                self.forget(vehicle, &[command]);
+            }
+        }
         let Loss { share, run } = self.loss;
         if !is_awaited(frame) || share < LEAST_LOSS {
             return;
@@ -123,6 +131,16 @@ impl Repeater {
             }
             _ => {}
         }
+    }
+
+    /// These commands are not wanted any more: a copy that waits must not come after a newer one. See
+    /// [`crate::command::Client::supersede`].
+    pub fn forget(&mut self, vehicle: Address, commands: &[u16]) {
+        self.waiting.retain(|_, waits| {
+            let is_command = matches!(waits.message_id(), COMMAND_INT | COMMAND_LONG);
+            let is_named = command_in(waits).is_some_and(|command| commands.contains(&command));
+            !(is_command && is_named && waits.target() == Some(vehicle))
+        });
     }
 
     fn wait(&mut self, until: Stamp, frame: &RawFrame) {
@@ -309,7 +327,9 @@ impl Reception {
 mod tests {
     use super::*;
     use crate::dialect::Message;
-    use crate::dialect::tandem::{COMMAND_ACK_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA};
+    use crate::dialect::tandem::{
+        COMMAND_ACK_DATA, COMMAND_CANCEL_DATA, COMMAND_LONG_DATA, HEARTBEAT_DATA,
+    };
     use crate::wire::Encoder;
 
     const STATION: Address = Address::new(255, 190);
@@ -371,6 +391,45 @@ mod tests {
 
         station.heard(at(170), &ack, false);
         assert_eq!(station.due(), None);
+    }
+
+    #[test]
+    fn a_command_that_is_cancelled_or_void_has_no_late_copies() {
+        let to = |system, number| COMMAND_LONG_DATA {
+            command: number,
+            target_system: system,
+            target_component: 1,
+            ..COMMAND_LONG_DATA::default()
+        };
+        let mut encoder = Encoder::new(STATION);
+        let mut frame = |long| encoder.encode(&Message::COMMAND_LONG(long));
+        let (takeoff, other_vehicle, other) =
+            (frame(to(2, 22)), frame(to(1, 22)), frame(to(2, 400)));
+        let kept = [&other_vehicle, &other];
+        let after = |repeater: &mut Repeater| -> Vec<RawFrame> {
+            let mut all = repeater.tick(at(1000));
+            all.retain(|frame| frame.message_id() == COMMAND_LONG);
+            all
+        };
+        let mut repeater = Repeater::new();
+        repeater.set_loss(EVEN);
+        for frame in [&takeoff, &other_vehicle, &other] {
+            repeater.sent(at(0), frame);
+        }
+        let mut cancelling = repeater.clone();
+        repeater.forget(Address::new(2, 1), &[22]);
+        let copies = after(&mut repeater);
+        assert!(!copies.is_empty() && copies.iter().all(|copy| kept.contains(&copy)));
+
+        let cancel = Message::COMMAND_CANCEL(COMMAND_CANCEL_DATA {
+            command: 22,
+            target_system: 2,
+            target_component: 1,
+        });
+        cancelling.sent(at(1), &encoder.encode(&cancel));
+        let has_cancel = |waits: &RawFrame| waits.message_id() == COMMAND_CANCEL;
+        assert!(cancelling.waiting.values().any(has_cancel), "itself copied");
+        assert_eq!(after(&mut cancelling), copies);
     }
 
     #[test]

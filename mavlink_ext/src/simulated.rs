@@ -61,6 +61,14 @@ impl Air {
         }
     }
 
+    /// With other losses and delays.
+    pub(crate) fn seeded(self, seed: u64) -> Self {
+        Self {
+            random: Pcg64::seed_from_u64(seed),
+            ..self
+        }
+    }
+
     pub(crate) fn send(&mut self, now: Stamp, messages: impl IntoIterator<Item = Message>) {
         for message in messages {
             let frame = self.encoder.encode(&message);

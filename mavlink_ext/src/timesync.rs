@@ -1,11 +1,27 @@
-//! How a peer's clock relates to ours, from `TIMESYNC` round trips.
+//! How a peer's clock relates to ours: from `TIMESYNC` round trips, or from satellite time known to both.
+//!
+//! An answer with the peer's time `p` to a request sent at `s`, received at `r`, proves that the peer's clock is ahead of
+//! ours by
 //!
 //! ```text
-//! offset = peer's stamp − (sent + received) / 2        error ≤ round trip / 2
+//! p − r  ≤  offset  ≤  p − s          r − s = round trip
 //! ```
 //!
-//! As in NTP's clock filter (RFC 5905 §10) the shortest of the recent round trips is believed: queues only lengthen
-//! them. Its bound grows with age, as clocks drift. <https://mavlink.io/en/services/timesync.html>
+//! since no message arrives before it was sent. Many answers narrow this (`filter`): the least delay there and the
+//! least delay back need not be of the same answer. What is left is as wide as the least delay there and back together, and
+//! **nothing that is exchanged over the link tells where in it the offset is**: 200 ms there and 50 ms back look like 125 ms
+//! each way, 75 ms off. So the standard uncertainty is that of an even distribution, never below
+//! `least round trip / (2 √3)`. Change in time is seen better: the skew of the clocks to a few parts in a million.
+//!
+//! What both ends know from satellites has no such asymmetry. A peer's `SYSTEM_TIME` pairs its clock with UTC, however
+//! long it was under way; where our own clock is paired too, the more certain of the two ways is believed.
+//!
+//! <https://mavlink.io/en/services/timesync.html>, <https://mavlink.io/en/messages/common.html#SYSTEM_TIME>
+
+mod filter;
+#[cfg(test)]
+mod tests;
+mod utc;
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -17,28 +33,45 @@ use crate::dialect::tandem::TIMESYNC_DATA;
 use crate::service::{Ends, Step, is_for};
 use crate::wire::Address;
 
+use filter::{Exchange, Filter};
+pub use utc::{Utc, system_time};
+
 /// Time between our requests.
 const INTERVAL: Duration = Duration::from_secs(1);
-/// Round trips remembered.
-const SAMPLES: usize = 16;
 /// Requests that may still be answered.
 const OUTSTANDING: usize = 8;
-/// Crystals of two computers may drift apart so fast, in nanoseconds per nanosecond.
-const DRIFT: f64 = 100e-6;
 
-/// One round trip.
-#[derive(Clone, Copy, Debug)]
-struct Sample {
-    /// Peer's clock minus ours, in nanoseconds.
-    offset: i64,
-    round_trip: Duration,
-    at: Stamp,
+/// Where an [`Estimate`] is from.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ClockSource {
+    /// `TIMESYNC`: the link's asymmetry is in it.
+    RoundTrips,
+    /// UTC that both ends have, as from satellites.
+    Utc,
 }
 
-impl Sample {
-    fn bound(&self, now: Stamp) -> Duration {
-        self.round_trip / 2 + now.distance(self.at).mul_f64(DRIFT)
-    }
+/// How the peer's clock relates to ours at one moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Estimate {
+    /// Peer's clock minus ours, in nanoseconds.
+    pub offset: i64,
+    /// How much faster the peer's clock runs, in nanoseconds per nanosecond: 40e-6 for 40 ppm.
+    pub skew: f64,
+    /// Standard uncertainty of the skew.
+    pub skew_sigma: f64,
+    /// Standard uncertainty of the offset (one sigma). Grows with the time since the last good exchange.
+    pub sigma: Duration,
+    /// The offset is not further off than this: of round trips, as long as the clocks run evenly; of UTC, three sigma.
+    pub bound: Duration,
+    /// Where it is from.
+    pub source: ClockSource,
+}
+
+/// What the owner should know.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum TimesyncEvent {
+    /// The peer's clock has jumped, as when it restarts: what was translated before does not hold any more.
+    Restarted,
 }
 
 /// Asks a peer for its time, and answers everybody.
@@ -46,8 +79,13 @@ impl Sample {
 pub struct Timesync {
     ends: Ends,
     due: Stamp,
+    /// When we asked, on our clock.
     outstanding: VecDeque<i64>,
-    samples: VecDeque<Sample>,
+    filter: Filter,
+    /// An answer that contradicts all before it; another one like it is believed.
+    doubt: Option<Exchange>,
+    peer_utc: Option<Utc>,
+    own_utc: Option<Utc>,
 }
 
 impl Timesync {
@@ -57,75 +95,137 @@ impl Timesync {
             ends,
             due: Stamp::ZERO,
             outstanding: VecDeque::new(),
-            samples: VecDeque::new(),
+            filter: Filter::default(),
+            doubt: None,
+            peer_utc: None,
+            own_utc: None,
         }
     }
 
     /// Tells it of any message that came in.
-    pub fn handle(&mut self, now: Stamp, from: Address, message: &Message) -> Step<()> {
-        let Message::TIMESYNC(sync) = message else {
-            return Step::none();
-        };
-        if !is_for(self.ends.own, message) {
-            return Step::none();
+    pub fn handle(&mut self, now: Stamp, from: Address, message: &Message) -> Step<TimesyncEvent> {
+        match message {
+            Message::SYSTEM_TIME(time) if from == self.ends.peer => {
+                self.peer_utc = Utc::of_sender(now, time).or(self.peer_utc);
+                Step::none()
+            }
+            // Our own request may come back to us through some loop: its answer would say nothing.
+            Message::TIMESYNC(sync) if from != self.ends.own && is_for(self.ends.own, message) => {
+                if sync.tc1 == 0 {
+                    return Step::send(timesync(from, nanos(now), sync.ts1));
+                }
+                self.answered(now, from, sync)
+            }
+            _ => Step::none(),
         }
-        if sync.tc1 == 0 {
-            return Step::send(timesync(from, nanos(now), sync.ts1));
-        }
+    }
+
+    fn answered(&mut self, now: Stamp, from: Address, sync: &TIMESYNC_DATA) -> Step<TimesyncEvent> {
+        // Older autopilots name nobody in their answers; one to another's request does not mirror our stamp.
         let asked = self.outstanding.iter().position(|sent| *sent == sync.ts1);
-        if let Some(place) = asked.filter(|_| from == self.ends.peer) {
-            self.outstanding.remove(place);
-            self.answered(now, sync.ts1, sync.tc1);
+        let Some(place) = asked.filter(|_| from == self.ends.peer) else {
+            return Step::none();
+        };
+        // A copy of the answer finds nothing any more.
+        self.outstanding.remove(place);
+        let Some(exchange) = Exchange::new(sync.ts1, now, sync.tc1) else {
+            return Step::none();
+        };
+        if self.filter.agrees(now, &exchange) {
+            self.doubt = None;
+            self.filter.insert(exchange);
+            return Step::none();
         }
-        Step::none()
+        // One answer may be wrong; two that agree are from a clock that has jumped.
+        let Some(doubted) = self.doubt.replace(exchange) else {
+            self.due = now;
+            return Step::none();
+        };
+        let mut anew = Filter::default();
+        anew.insert(doubted);
+        if !anew.agrees(now, &exchange) {
+            self.due = now;
+            return Step::none();
+        }
+        anew.insert(exchange);
+        self.filter = anew;
+        self.doubt = None;
+        // Its boot time went with the clock.
+        self.peer_utc = None;
+        Step::event(TimesyncEvent::Restarted)
     }
 
-    fn answered(&mut self, now: Stamp, sent: i64, peer_time: i64) {
-        let round_trip = nanos(now).saturating_sub(sent);
-        let Ok(round_trip_nanos) = u64::try_from(round_trip) else {
-            return;
-        };
-        let sample = Sample {
-            offset: peer_time.saturating_sub(sent.saturating_add(round_trip / 2)),
-            round_trip: Duration::from_nanos(round_trip_nanos),
-            at: now,
-        };
-        // Two bounds that do not meet: the peer has restarted, and its clock with it.
-        let contradicts = |old: &Sample| {
-            let apart = Duration::from_nanos(old.offset.abs_diff(sample.offset));
-            apart > old.bound(now) + sample.bound(now)
-        };
-        if self.best(now).as_ref().is_some_and(contradicts) {
-            self.samples.clear();
-        }
-        if self.samples.len() >= SAMPLES {
-            self.samples.pop_front();
-        }
-        self.samples.push_back(sample);
+    /// How our clock relates to UTC, if somebody knows: a clock that a satellite receiver's pulse disciplines, or
+    /// [`Self::utc`] of the autopilot beside us. Believed for [`Utc::LIFE`], so tell it again and again.
+    pub fn set_own_utc(&mut self, utc: Option<Utc>) {
+        self.own_utc = utc;
     }
 
-    fn best(&self, now: Stamp) -> Option<Sample> {
-        let samples = self.samples.iter();
-        samples.min_by_key(|sample| sample.bound(now)).copied()
+    /// How our clock relates to UTC, as this peer tells by its `SYSTEM_TIME` and by round trips; `None` if it does not. Good
+    /// where the peer is near, as an autopilot on a serial port.
+    pub fn utc(&self, now: Stamp) -> Option<Utc> {
+        let peer = self.peer_utc.filter(|utc| utc.is_fresh(now))?;
+        let peer_ahead = self.filter.estimate(now)?;
+        Some(peer.moved(peer_ahead.offset, peer_ahead.sigma))
+    }
+
+    /// The best there is; `None` before anything came.
+    pub fn estimate(&self, now: Stamp) -> Option<Estimate> {
+        let by_utc = self.by_utc(now);
+        let Some(by_round_trips) = self.filter.estimate(now) else {
+            return by_utc;
+        };
+        // Both ends call it UTC, but a clock that was set by hand is none, and a peer may count from another start here
+        // than in its answers: it must fit what the round trips prove.
+        let fits = |utc: &Estimate| {
+            let apart = Duration::from_nanos(utc.offset.abs_diff(by_round_trips.offset));
+            apart <= by_round_trips.bound.saturating_add(utc.bound)
+        };
+        let better = by_utc.filter(|utc| utc.sigma < by_round_trips.sigma && fits(utc));
+        Some(better.map_or(by_round_trips, |utc| Estimate {
+            skew: by_round_trips.skew,
+            skew_sigma: by_round_trips.skew_sigma,
+            ..utc
+        }))
+    }
+
+    fn by_utc(&self, now: Stamp) -> Option<Estimate> {
+        let fresh = |utc: Option<Utc>| utc.filter(|utc| utc.is_fresh(now));
+        let (own, peer) = (fresh(self.own_utc)?, fresh(self.peer_utc)?);
+        let sigma = utc::together(own.sigma(now), peer.sigma(now));
+        Some(Estimate {
+            offset: own.offset.saturating_sub(peer.offset),
+            skew: 0.0,
+            skew_sigma: filter::SKEW_SIGMA,
+            sigma,
+            bound: sigma.saturating_mul(3),
+            source: ClockSource::Utc,
+        })
     }
 
     /// Peer's clock minus ours in nanoseconds, and how far that may be off; `None` before the first answer.
     pub fn offset(&self, now: Stamp) -> Option<(i64, Duration)> {
-        self.best(now)
-            .map(|sample| (sample.offset, sample.bound(now)))
+        self.estimate(now)
+            .map(|estimate| (estimate.offset, estimate.bound))
     }
 
     /// A stamp of the peer on our clock, and how far it may be off. `None` before the first answer, or if that was
-    /// before our clock started.
+    /// before our clock started. The skew is taken into account, so the stamp may be old.
     pub fn to_own(&self, now: Stamp, peer: Stamp) -> Option<(Stamp, Duration)> {
-        let (offset, bound) = self.offset(now)?;
-        let own = i128::from(peer.as_nanos()) - i128::from(offset);
+        let estimate = self.estimate(now)?;
+        let unskewed = i128::from(peer.as_nanos()) - i128::from(estimate.offset);
+        // Before now, a clock that runs faster was less ahead.
+        let ago = i128::from(now.as_nanos()) - unskewed;
+        let own = unskewed + (ago as f64 * estimate.skew).round() as i128;
+        let drifted = Duration::from_nanos(u64::try_from(ago.unsigned_abs()).unwrap_or(u64::MAX))
+            .mul_f64(estimate.skew_sigma * 3.0);
         let own = u64::try_from(own).ok()?;
+        let bound = estimate.bound.saturating_add(drifted);
         Some((Stamp::from_nanos(own), bound))
     }
 
-    /// Lets time pass: asks once a second.
-    pub fn tick(&mut self, now: Stamp) -> Step<()> {
+    /// Lets time pass: asks once a second, and tells UTC where we know it.
+    pub fn tick(&mut self, now: Stamp) -> Step<TimesyncEvent> {
         if now < self.due {
             return Step::none();
         }
@@ -134,7 +234,11 @@ impl Timesync {
             self.outstanding.pop_front();
         }
         self.outstanding.push_back(nanos(now));
-        Step::send(timesync(self.ends.peer, 0, nanos(now)))
+        let mut step = Step::send(timesync(self.ends.peer, 0, nanos(now)));
+        let own_utc = self.own_utc.filter(|utc| utc.is_fresh(now));
+        step.send
+            .extend(own_utc.and_then(|utc| system_time(now, &utc)));
+        step
     }
 }
 
@@ -150,94 +254,4 @@ fn timesync(to: Address, tc1: i64, ts1: i64) -> Message {
 /// A stamp as the message carries it; never 0, which would mean a request.
 fn nanos(stamp: Stamp) -> i64 {
     i64::try_from(stamp.as_nanos()).unwrap_or(i64::MAX).max(1)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::simulated::{Air, Radio};
-
-    const OWN: Address = Address::new(255, 190);
-    const PEER: Address = Address::new(1, 191);
-    const TICK: Duration = Duration::from_millis(1);
-
-    /// Both ends for so long; the peer's clock is ahead by this. Returns our clock's end and our end.
-    fn run(radio: Radio, span: Duration, ahead: Duration) -> (Stamp, Timesync) {
-        let mut own = Timesync::new(Ends {
-            own: OWN,
-            peer: PEER,
-        });
-        let mut peer = Timesync::new(Ends {
-            own: PEER,
-            peer: OWN,
-        });
-        let (mut there, mut back) = (Air::new(OWN, radio, 1), Air::new(PEER, radio, 2));
-        let mut now = Stamp::ZERO;
-        while now < Stamp::ZERO + span {
-            now += TICK;
-            there.send(now, own.tick(now).send);
-            back.send(now, peer.tick(now + ahead).send);
-            for (from, message) in there.arrived(now) {
-                back.send(now, peer.handle(now + ahead, from, &message).send);
-            }
-            for (from, message) in back.arrived(now) {
-                there.send(now, own.handle(now, from, &message).send);
-            }
-        }
-        (now, own)
-    }
-
-    #[test]
-    fn the_offset_is_within_its_bound_on_a_bad_radio() {
-        let ahead = Duration::from_secs(1234);
-        let (now, own) = run(Radio::losing(0.3), Duration::from_secs(30), ahead);
-        let (stamp, bound) = own.to_own(now, now + ahead).expect("answers came");
-        assert!(
-            stamp.distance(now) <= bound,
-            "{stamp} for {now}, bound {bound:?}"
-        );
-        assert!(
-            bound < Duration::from_millis(45),
-            "half of 40 to 100 ms: {bound:?}"
-        );
-    }
-
-    #[test]
-    fn a_peer_that_restarts_is_believed_anew() {
-        let (now, mut own) = run(
-            Radio::PERFECT,
-            Duration::from_secs(5),
-            Duration::from_secs(9),
-        );
-        own.tick(now + INTERVAL);
-        let sent = nanos(now + INTERVAL);
-        let answer = timesync(OWN, 5_000_000, sent);
-        let later = now + INTERVAL + TICK;
-        own.handle(later, PEER, &answer);
-        let (offset, _) = own.offset(later).expect("answers came");
-        assert!(offset < 0, "its clock started after ours: {offset}");
-        assert_eq!(
-            own.to_own(later, Stamp::ZERO)
-                .map(|(stamp, _)| stamp < later),
-            Some(true)
-        );
-    }
-
-    #[test]
-    fn answers_for_others_and_made_up_ones_are_ignored() {
-        let mut own = Timesync::new(Ends {
-            own: OWN,
-            peer: PEER,
-        });
-        own.tick(Stamp::from_nanos(1000));
-        for (from, to, ts1) in [
-            (PEER, Address::new(7, 7), 1000),
-            (Address::new(9, 9), OWN, 1000),
-            (PEER, OWN, 999),
-        ] {
-            let message = timesync(to, 77, ts1);
-            own.handle(Stamp::from_nanos(2000), from, &message);
-        }
-        assert_eq!(own.offset(Stamp::from_nanos(2000)), None);
-    }
 }

@@ -10,6 +10,13 @@ use nalgebra::{Isometry3, Matrix6, Quaternion, Translation3, UnitQuaternion};
 use super::{attitude_from_ned, attitude_to_ned, from_ned, to_frd, to_ned};
 use crate::dialect::tandem::{MavEstimatorType, MavFrame, ODOMETRY_DATA};
 
+/// A covariance that is not known: only its first element is looked at.
+pub(super) const UNKNOWN_COVARIANCE: [f32; 21] = {
+    let mut unknown = [0.0; 21];
+    unknown[0] = f32::NAN;
+    unknown
+};
+
 /// An estimate of where the vehicle is and how it moves.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Odometry {
@@ -43,8 +50,6 @@ pub fn odometry_message(odometry: &Odometry) -> ODOMETRY_DATA {
     };
     let [vx, vy, vz] = or_unknown(odometry.velocity);
     let [rollspeed, pitchspeed, yawspeed] = or_unknown(odometry.turn_rate);
-    let mut unknown_covariance = [0.0; 21];
-    unknown_covariance[0] = f32::NAN;
     ODOMETRY_DATA {
         time_usec: odometry.at.as_nanos() / 1000,
         x,
@@ -60,11 +65,11 @@ pub fn odometry_message(odometry: &Odometry) -> ODOMETRY_DATA {
         pose_covariance: odometry
             .covariance
             .as_ref()
-            .map_or(unknown_covariance, |covariance| {
+            .map_or(UNKNOWN_COVARIANCE, |covariance| {
                 let rotation = odometry.world_from_body.rotation();
                 upper_triangle(&wire_covariance(covariance, &rotation))
             }),
-        velocity_covariance: unknown_covariance,
+        velocity_covariance: UNKNOWN_COVARIANCE,
         frame_id: MavFrame::MAV_FRAME_LOCAL_FRD,
         child_frame_id: MavFrame::MAV_FRAME_BODY_FRD,
         reset_counter: odometry.reset_counter,
@@ -92,7 +97,7 @@ pub fn odometry_pose(message: &ODOMETRY_DATA) -> Option<Isometry<World, Body>> {
 
 /// Covariance of the position in NED and of the attitude about the axes of FRD. Ours is of a perturbation on the right:
 /// its translation is in the body (FLU) and turns with it; its rotation is about FLU axes already.
-fn wire_covariance(
+pub(super) fn wire_covariance(
     covariance: &Matrix6<f64>,
     world_from_body: &nalgebra::UnitQuaternion<f64>,
 ) -> Matrix6<f64> {
@@ -107,7 +112,7 @@ fn wire_covariance(
 }
 
 /// Row by row from the diagonal on, as MAVLink packs covariances.
-fn upper_triangle(matrix: &Matrix6<f64>) -> [f32; 21] {
+pub(super) fn upper_triangle(matrix: &Matrix6<f64>) -> [f32; 21] {
     let mut packed = [0.0; 21];
     let indices = (0..6).flat_map(|row| (row..6).map(move |column| (row, column)));
     for (slot, index) in packed.iter_mut().zip(indices) {
