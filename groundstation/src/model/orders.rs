@@ -45,6 +45,8 @@ pub enum OrderState {
     },
     /// It never answered.
     NoAnswer,
+    /// Not answered before a newer one took its place; the vehicle may have heard it.
+    Superseded,
     /// It was never sent: why.
     Refused(String),
 }
@@ -84,6 +86,7 @@ impl SentOrder {
         let words = match &self.state {
             OrderState::Denied { result } => format!("denied: {result}"),
             OrderState::NoAnswer => "no answer".to_owned(),
+            OrderState::Superseded => "not answered before a newer order took its place".to_owned(),
             OrderState::Refused(why) => format!("not sent: {why}"),
             OrderState::Sent { .. } | OrderState::InProgress { .. } | OrderState::Accepted => {
                 return None;
@@ -110,7 +113,10 @@ impl SentOrder {
             OrderState::Denied { .. } => self
                 .answered_at
                 .is_some_and(|at| now.since(at) <= EXPLAINED_WITHIN),
-            OrderState::Accepted | OrderState::NoAnswer | OrderState::Refused(_) => false,
+            OrderState::Accepted
+            | OrderState::NoAnswer
+            | OrderState::Superseded
+            | OrderState::Refused(_) => false,
         }
     }
 }

@@ -313,7 +313,10 @@ fn order_progress(id: SystemId, order: Order, model: &Model) -> Progress {
     if let Some(cause) = sent.failure() {
         // A vehicle explains a denial shortly after it.
         let explained = !sent.texts.is_empty()
-            || matches!(sent.state, OrderState::Refused(_) | OrderState::NoAnswer);
+            || matches!(
+                sent.state,
+                OrderState::Refused(_) | OrderState::NoAnswer | OrderState::Superseded
+            );
         let waited = sent
             .answered_at
             .is_none_or(|at| model.now.since(at) > Duration::from_secs(1));

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 use maps::time::Stamp;
 use mavlink_ext::dialect::TANDEM_IDS;
 use mavlink_ext::repeat::{Duplicates, Reception, Repeater};
-use mavlink_ext::{RawFrame, SystemId};
+use mavlink_ext::{Address, RawFrame, SystemId};
 
 #[derive(Default)]
 struct Lane {
@@ -47,6 +47,13 @@ impl Copies {
         }
     }
 
+    /// These commands are not wanted any more at this vehicle.
+    pub(super) fn forget(&mut self, vehicle: Address, commands: &[u16]) {
+        for lane in self.lanes.values_mut() {
+            lane.repeater.forget(vehicle, commands);
+        }
+    }
+
     /// Copies whose time has come, and their links.
     pub(super) fn due(&mut self, now: Stamp) -> Vec<(Option<usize>, RawFrame)> {
         let mut due = Vec::new();
@@ -63,7 +70,7 @@ mod tests {
     use std::time::Duration;
 
     use mavlink_ext::dialect::tandem::{COMMAND_LONG_DATA, HEARTBEAT_DATA, TANDEM_STATUS_DATA};
-    use mavlink_ext::{Address, Encoder, Message};
+    use mavlink_ext::{Encoder, Message};
 
     use super::*;
 

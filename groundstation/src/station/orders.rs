@@ -3,7 +3,7 @@
 use std::collections::{BTreeMap, VecDeque};
 
 use maps::time::Stamp;
-use mavlink_ext::command::{Client, CommandError, Request};
+use mavlink_ext::command::{Client, CommandError, Request, Superseding};
 use mavlink_ext::dialect::cmd;
 use mavlink_ext::dialect::tandem::MavResult;
 use mavlink_ext::{Address, ComponentId, Message, SystemId};
@@ -93,8 +93,17 @@ impl Station {
             .conversations
             .client
             .get_or_insert_with(|| Client::new(own));
-        match client.start(now, to, request) {
-            Ok(message) => {
+        // Whoever presses "return" after "take off" wants no late repetition of the first.
+        match client.supersede(now, to, request) {
+            Ok(Superseding { message, ended }) => {
+                self.copies.forget(to, &ended);
+                let ended = ended.into_iter().chain([command]);
+                for old in ended.filter_map(|old| self.conversations.open.remove(&(to, old))) {
+                    if let Some(order) = self.model.orders.get_mut(old.order) {
+                        order.state = OrderState::Superseded;
+                        order.answered_at = Some(now);
+                    }
+                }
                 self.conversations.open.insert((to, command), open);
                 outbox.push(message);
             }

@@ -341,6 +341,36 @@ fn an_order_is_repeated_and_then_given_up() {
 }
 
 #[test]
+fn a_newer_order_ends_the_repetitions_of_one_that_is_not_answered() {
+    let mut bench = Bench::new(Source::Live);
+    bench.rover();
+    bench.command(Command::Order(SystemId(2), Order::Arm));
+    bench.silence(Duration::from_millis(500));
+    bench.command(Command::Order(SystemId(2), Order::Disarm));
+    bench.sent.clear();
+    bench.silence(Duration::from_secs(4));
+    // Of the same number: only what is wanted now is repeated.
+    let disarms = bench.sent.iter().filter_map(|message| match message {
+        Message::COMMAND_LONG(long) if long.command == cmd::COMPONENT_ARM_DISARM => {
+            Some(long.param1)
+        }
+        _ => None,
+    });
+    let disarms: Vec<f32> = disarms.collect();
+    assert!(
+        !disarms.is_empty() && disarms.iter().all(|arm| *arm == 0.0),
+        "{disarms:?}"
+    );
+    let states: Vec<_> = (bench.model().orders.iter())
+        .map(|sent| (sent.order, sent.state.clone()))
+        .collect();
+    assert!(
+        states.contains(&(Order::Arm, OrderState::Superseded)),
+        "{states:?}"
+    );
+}
+
+#[test]
 fn taking_off_means_guided_mode_first() {
     let mut bench = Bench::new(Source::Live);
     bench.copter();
