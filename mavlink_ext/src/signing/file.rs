@@ -4,9 +4,9 @@ use std::fs::{self, OpenOptions};
 use std::io::{self, Read as _, Write as _};
 use std::os::unix::fs::{MetadataExt as _, OpenOptionsExt as _};
 use std::path::{Path, PathBuf};
-use std::process;
-use std::sync::atomic::{AtomicU32, Ordering};
 use std::time::Duration;
+
+use tempfile::NamedTempFile;
 
 use super::{SigningKey, Timestamp};
 
@@ -14,8 +14,6 @@ use super::{SigningKey, Timestamp};
 const AHEAD: Timestamp = Timestamp::from_duration(Duration::from_mins(1));
 /// Read and written by its owner only.
 const MODE: u32 = 0o600;
-/// Timestamps written by this program: each goes through a file of its own.
-static WRITES: AtomicU32 = AtomicU32::new(0);
 const OTHERS: u32 = 0o077;
 const DIGIT: &[u8; 16] = b"0123456789abcdef";
 /// Hexadecimal digits of a key.
@@ -124,29 +122,18 @@ impl KeyFile {
     /// Keeps the highest timestamp, for the next start. To be called at least every half minute.
     pub fn keep(&self, timestamp: Timestamp) -> Result<(), KeyError> {
         let path = self.timestamp_path();
-        // Several links may keep the timestamps of one key, in one program or in several.
-        let unique = format!(
-            "{}.{}",
-            process::id(),
-            WRITES.fetch_add(1, Ordering::Relaxed)
-        );
-        let partial = path.with_extension(format!("timestamp.{unique}"));
-        let write = |to: &Path| {
-            let mut file = OpenOptions::new()
-                .write(true)
-                .create(true)
-                .truncate(true)
-                .mode(MODE)
-                .open(to)?;
+        // Under a name of its own first: several links may keep the timestamps of one key, in one program or in several.
+        let write = || {
+            let folder = path.parent().filter(|p| !p.as_os_str().is_empty());
+            let mut file = NamedTempFile::new_in(folder.unwrap_or(Path::new(".")))?;
             writeln!(file, "{}", timestamp.0)?;
-            file.sync_all()
+            file.as_file().sync_all()?;
+            file.persist(&path).map_err(io::Error::from)
         };
-        let kept = write(&partial).and_then(|()| fs::rename(&partial, &path));
-        if kept.is_err() {
-            // It may not be there: what matters is why nothing was kept.
-            fs::remove_file(&partial).unwrap_or_default();
+        match write() {
+            Ok(_file) => Ok(()),
+            Err(source) => Err(KeyError::Write { path, source }),
         }
-        kept.map_err(|source| KeyError::Write { path, source })
     }
 
     fn timestamp_path(&self) -> PathBuf {
