@@ -60,8 +60,7 @@ impl End {
             return None;
         }
         self.reception.heard(frame);
-        self.repeater
-            .set_loss(self.reception.loss().unwrap_or_default());
+        self.repeater.set_loss(self.reception.loss().unwrap_or(0.0));
         frame.decode().ok()
     }
 }
