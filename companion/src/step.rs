@@ -15,7 +15,7 @@ use mavlink_ext::convert::odometry_message;
 use mavlink_ext::dialect::tandem::MavSeverity;
 use mavlink_ext::dialect::{MessageExt as _, TANDEM_IDS, cmd};
 use mavlink_ext::presence::{Presence, PresenceEvent, companion_heartbeat};
-use mavlink_ext::repeat::{Reception, Repeater};
+use mavlink_ext::repeat::{Loss, Reception, Repeater};
 use mavlink_ext::router::{LinkId as RouteId, LinkKind, Router};
 use mavlink_ext::service::Ends;
 use mavlink_ext::statustext::Speaker;
@@ -49,7 +49,7 @@ pub struct Companion {
     router: Router,
     /// How the ground link is, and the copies of commands that it gets.
     reception: Reception,
-    ground_loss: f64,
+    ground_loss: Loss,
     /// Whether the last frame from there was a copy.
     ground_copied: bool,
     repeater: Repeater,
@@ -122,7 +122,7 @@ impl Companion {
             outbox: Outbox::new(own),
             router: router(settings),
             reception: Reception::new(),
-            ground_loss: 0.0,
+            ground_loss: Loss::default(),
             ground_copied: false,
             repeater: Repeater::new(),
             speaker: Speaker::new(),
@@ -238,7 +238,7 @@ impl Companion {
     fn hear_ground(&mut self, frame: &RawFrame) {
         self.reception.heard(frame);
         if TANDEM_IDS.contains(&frame.message_id()) {
-            self.ground_loss = self.reception.loss().unwrap_or(0.0);
+            self.ground_loss = self.reception.loss().unwrap_or_default();
         }
     }
 

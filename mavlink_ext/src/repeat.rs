@@ -21,6 +21,10 @@ use crate::wire::{Address, RawFrame};
 const ALL_LOST: f64 = 0.001;
 /// No frame is sent more often at once, however bad the link is.
 const MAX_TIMES: u32 = 8;
+/// Where losses come in bursts it goes so often: over 45 ms, which most bursts do not last.
+const TIMES_IN_BURSTS: u32 = 10;
+/// More frames than this lost one after the other, on average, are bursts: at a loss of a half, two are chance.
+const BURST: f64 = 2.5;
 /// Less loss than this is none.
 const LEAST_LOSS: f64 = 0.005;
 /// Time from one copy to the next.
@@ -57,7 +61,7 @@ fn is_awaited(frame: &RawFrame) -> bool {
 /// Sends copies of what an answer is waited for.
 #[derive(Clone, Debug, Default)]
 pub struct Repeater {
-    loss: f64,
+    loss: Loss,
     /// What goes next, and when; by time.
     waiting: BTreeMap<(Stamp, u64), RawFrame>,
     counted: u64,
@@ -87,9 +91,9 @@ impl Repeater {
         Self::default()
     }
 
-    /// The share of frames that the link loses, 0 to 1.
-    pub fn set_loss(&mut self, share: f64) {
-        self.loss = share;
+    /// What the link loses.
+    pub fn set_loss(&mut self, loss: Loss) {
+        self.loss = loss;
     }
 
     /// A frame was sent: its copies, if it gets any, will come from [`Self::tick`].
@@ -101,11 +105,16 @@ impl Repeater {
                 self.forget(vehicle, &[command]);
             }
         }
-        if !is_awaited(frame) || self.loss < LEAST_LOSS {
+        let Loss { share, run } = self.loss;
+        if !is_awaited(frame) || share < LEAST_LOSS {
             return;
         }
-        let times = (ALL_LOST.ln() / self.loss.min(0.9).ln()).ceil() as u32;
-        for copy in 1..times.min(MAX_TIMES) {
+        let times = if run > BURST {
+            TIMES_IN_BURSTS
+        } else {
+            ((ALL_LOST.ln() / share.min(0.9).ln()).ceil() as u32).min(MAX_TIMES)
+        };
+        for copy in 1..times {
             self.wait(now + SPACING * copy, frame);
         }
         match frame.message_id() {
@@ -226,11 +235,22 @@ impl Memory {
     }
 }
 
+/// What a link loses.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Loss {
+    /// Share of the frames, 0 to 1.
+    pub share: f64,
+    /// How many are lost one after the other, on average; 0 if none.
+    pub run: f64,
+}
+
 /// Counts that decay.
 #[derive(Clone, Copy, Debug, Default)]
 struct Tally {
     came: f64,
     missing: f64,
+    /// Runs of missing frames.
+    runs: f64,
 }
 
 impl Tally {
@@ -238,6 +258,7 @@ impl Tally {
         let keep = 0.5_f64.powf(1.0 / memory_frames);
         self.came = self.came * keep + 1.0;
         self.missing = (self.missing * keep + missing).max(0.0);
+        self.runs = self.runs * keep + f64::from(u8::from(missing > 0.0));
     }
 
     fn share(&self) -> f64 {
@@ -289,11 +310,16 @@ impl Reception {
         }
     }
 
-    /// The share of frames lost lately, 0 to 1; `None` before enough came.
-    pub fn loss(&self) -> Option<f64> {
-        let [soon, _] = &self.tallies;
+    /// What was lost lately; `None` before enough came.
+    pub fn loss(&self) -> Option<Loss> {
+        let [_, late] = &self.tallies;
         let share = self.tallies.iter().map(Tally::share).fold(0.0, f64::max);
-        (soon.came >= MIN_FRAMES).then_some(share)
+        let run = if late.runs > 0.0 {
+            late.missing / late.runs
+        } else {
+            0.0
+        };
+        (late.came >= MIN_FRAMES).then_some(Loss { share, run })
     }
 }
 
@@ -307,6 +333,10 @@ mod tests {
     use crate::wire::Encoder;
 
     const STATION: Address = Address::new(255, 190);
+    const EVEN: Loss = Loss {
+        share: 0.2,
+        run: 1.2,
+    };
 
     fn at(millis: u64) -> Stamp {
         Stamp::ZERO + Duration::from_millis(millis)
@@ -325,7 +355,10 @@ mod tests {
         let mut encoder = Encoder::new(STATION);
         for (loss, copies) in [(0.0, 0), (0.05, 2), (0.2, 4), (0.3, 5), (1.0, 7)] {
             let mut repeater = Repeater::new();
-            repeater.set_loss(loss);
+            repeater.set_loss(Loss {
+                share: loss,
+                run: 1.0,
+            });
             let frame = command(&mut encoder);
             repeater.sent(at(0), &frame);
             repeater.sent(at(0), &heartbeat(&mut encoder));
@@ -338,7 +371,7 @@ mod tests {
     #[test]
     fn copies_end_with_the_acknowledgement_which_is_repeated_for_each_that_still_comes() {
         let mut station = Repeater::new();
-        station.set_loss(0.2);
+        station.set_loss(EVEN);
         let sent = command(&mut Encoder::new(STATION));
         station.sent(at(0), &sent);
         let early: Vec<RawFrame> = (1..60).flat_map(|ms| station.tick(at(ms))).collect();
@@ -346,7 +379,7 @@ mod tests {
         assert_eq!(station.tick(at(60)).len(), 1, "nothing was heard");
 
         let mut uav = Repeater::new();
-        uav.set_loss(0.2);
+        uav.set_loss(EVEN);
         let ack = Message::COMMAND_ACK(COMMAND_ACK_DATA::default());
         let ack = Encoder::new(Address::new(1, 191)).encode(&ack);
         uav.heard(at(90), &sent, false);
@@ -379,7 +412,7 @@ mod tests {
             all
         };
         let mut repeater = Repeater::new();
-        repeater.set_loss(0.2);
+        repeater.set_loss(EVEN);
         for frame in [&takeoff, &other_vehicle, &other] {
             repeater.sent(at(0), frame);
         }
@@ -417,7 +450,7 @@ mod tests {
         let mut duplicates = Duplicates::new();
         let mut reception = Reception::new();
         let mut repeater = Repeater::new();
-        repeater.set_loss(0.2);
+        repeater.set_loss(EVEN);
         for sender in 0..40_000_u32 {
             let [system, component, ..] = sender.to_le_bytes();
             let frame = command(&mut Encoder::new(Address::new(system, component)));
@@ -452,26 +485,34 @@ mod tests {
             }
         }
         let loss = reception.loss().expect("enough came");
-        assert!((loss - 0.1).abs() < 0.02, "{loss}");
+        assert!((loss.share - 0.1).abs() < 0.02, "{loss:?}");
+        assert!(loss.run < 1.1, "{loss:?}");
     }
 
     #[test]
-    fn a_loss_in_bursts_is_not_forgotten_between_them() {
+    fn bursts_are_told_from_single_losses_and_a_command_is_spread_over_them() {
         let mut encoder = Encoder::new(STATION);
         let mut reception = Reception::new();
-        // Sixty in two thousand, one after the other.
-        for number in 0..8000 {
+        let mut repeater = Repeater::new();
+        let mut copies = Vec::new();
+        // Nine in three hundred, one after the other.
+        for number in 0..3000 {
             let frame = heartbeat(&mut encoder);
-            if number % 2000 < 60 {
+            if number % 300 < 9 {
                 continue;
             }
             reception.heard(&frame);
-            let loss = reception.loss().unwrap_or(0.0);
-            let is_known = number > 2000;
-            assert!(
-                !is_known || (0.01..0.3).contains(&loss),
-                "{loss} after {number}"
-            );
+            if number % 300 == 299 {
+                repeater.set_loss(reception.loss().expect("enough came"));
+                repeater.sent(at(0), &command(&mut Encoder::new(STATION)));
+                copies.push((0..50).map(|ms| repeater.tick(at(ms)).len()).sum::<usize>());
+            }
         }
+        let loss = reception.loss().expect("enough came");
+        assert!(
+            (loss.share - 0.03).abs() < 0.01 && (loss.run - 9.0).abs() < 1.0,
+            "{loss:?}"
+        );
+        assert_eq!(copies[1..], [9; 9], "also long after a burst");
     }
 }

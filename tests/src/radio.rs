@@ -60,7 +60,8 @@ impl End {
             return None;
         }
         self.reception.heard(frame);
-        self.repeater.set_loss(self.reception.loss().unwrap_or(0.0));
+        self.repeater
+            .set_loss(self.reception.loss().unwrap_or_default());
         frame.decode().ok()
     }
 }

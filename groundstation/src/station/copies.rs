@@ -30,7 +30,8 @@ impl Copies {
         if TANDEM_IDS.contains(&frame.message_id()) {
             lane.with_companion.insert(frame.from().system);
         }
-        lane.repeater.set_loss(lane.reception.loss().unwrap_or(0.0));
+        lane.repeater
+            .set_loss(lane.reception.loss().unwrap_or_default());
         let is_new = self.duplicates.is_new(now, frame);
         lane.repeater.heard(now, frame, !is_new);
         is_new
