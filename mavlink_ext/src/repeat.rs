@@ -3,7 +3,7 @@
 //! A command that is lost costs its sender a timeout of more than a second. It is small, so that on a link that loses a
 //! share of the frames it goes so often within a few dozen milliseconds that all are lost once in a thousand times; so does its
 //! acknowledgement. Bursts of losses may be longer: an unanswered command goes on with pauses that grow, and each copy that comes
-//! is acknowledged once more. The copies are the same frame, byte for byte, and the other end drops all but the first: it must be
+//! is acknowledged once more. The copies are the same frame, but for a signature, and the other end drops all but the first: it must be
 //! one of Tandem's programs. Nothing that MAVLink says of commands changes, nor who counts `confirmation`.
 //!
 //! - [`Reception`] tells the loss of one direction from the sequence numbers of what comes. Radios lose much the same both ways.
