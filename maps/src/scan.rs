@@ -3,7 +3,8 @@
 //! What the rays touch is gathered in bit masks, so that each voxel is updated once a scan however many rays cross it, and
 //! *hit* wins over *free*. Then each touched block gets one pass. Masks join by *or*, which has no order: the map depends
 //! neither on the order of the points (their colours aside) nor on the number of threads. Called within a rayon pool, the
-//! points, the rays ([`sectors`]) and then the tiles are spread over its threads; anywhere else one thread does it all.
+//! points, the rays (by sectors of azimuth) and then the tiles are spread over its threads; anywhere else one thread does
+//! it all.
 //!
 //! Thin things survive ([`Carving::SparesSurfaces`]): a ray that grazes a surface before it ends in it does not wear it away.
 //! A sensor's noise, if it is known, makes what it says of a place weigh less ([`Noise`]).
