@@ -6,11 +6,12 @@ use std::time::Duration;
 
 use maps::time::Stamp;
 use proptest::prelude::*;
+use sitl::link::Profile;
 
 use super::client::{Done, Event, Job, JobError};
 use super::*;
 use crate::service::Ends;
-use crate::simulated::{Air, Radio};
+use crate::simulated::{Air, losing, perfect};
 
 const OWN: Address = Address::new(1, 191);
 const STATION: Address = Address::new(255, 190);
@@ -28,7 +29,7 @@ struct Room {
 }
 
 impl Room {
-    fn new(radio: Radio, writable: bool) -> Self {
+    fn new(radio: &Profile, writable: bool) -> Self {
         let folder = tempfile::tempdir().expect("a folder");
         fs::create_dir(folder.path().join("maps")).expect("there is room");
         let root = Root::new(folder.path(), writable).expect("it exists");
@@ -97,7 +98,7 @@ fn content(size: usize) -> Vec<u8> {
 #[test]
 fn files_arrive_whole_over_any_radio() {
     for loss in [0.0, 0.1, 0.3] {
-        let mut room = Room::new(Radio::losing(loss), false);
+        let mut room = Room::new(&losing(loss), false);
         for size in [0, 1, 239, 240, 50_000] {
             room.write("maps/a", &content(size));
             let got = room.download("/maps/a");
@@ -109,7 +110,7 @@ fn files_arrive_whole_over_any_radio() {
 
 #[test]
 fn a_burst_saves_a_request_for_each_piece() {
-    let mut room = Room::new(Radio::PERFECT, false);
+    let mut room = Room::new(&perfect(), false);
     room.write("a", &content(100_000));
     assert_eq!(room.download("a"), Ok(Done::Downloaded(content(100_000))));
     let count = |opcode: Opcode| room.requests.get(&(opcode as u8)).copied().unwrap_or(0);
@@ -121,7 +122,7 @@ fn a_burst_saves_a_request_for_each_piece() {
 
 #[test]
 fn a_download_goes_on_where_it_ended_unless_the_file_has_changed() {
-    let mut room = Room::new(Radio::PERFECT, false);
+    let mut room = Room::new(&perfect(), false);
     room.write("a", &content(100_000));
     let resume = content(90_000);
     let path = "a".to_owned();
@@ -151,7 +152,7 @@ fn a_download_goes_on_where_it_ended_unless_the_file_has_changed() {
 
 #[test]
 fn a_server_that_falls_silent_leaves_what_can_be_resumed() {
-    let mut room = Room::new(Radio::PERFECT, false);
+    let mut room = Room::new(&perfect(), false);
     room.write("a", &content(100_000));
     let path = "a".to_owned();
     let first = room.client.start(
@@ -193,7 +194,7 @@ fn a_server_that_falls_silent_leaves_what_can_be_resumed() {
 
 #[test]
 fn what_is_published_is_read_whatever_is_asked_about_it() {
-    let mut room = Room::new(Radio::losing(0.1), false);
+    let mut room = Room::new(&losing(0.1), false);
     room.server.publish("@PARAM/param.pck", content(3000));
     for path in ["@PARAM/param.pck", "/@PARAM/param.pck?withdefaults=1"] {
         assert_eq!(room.download(path), Ok(Done::Downloaded(content(3000))));
@@ -211,7 +212,7 @@ fn what_is_published_is_read_whatever_is_asked_about_it() {
 
 #[test]
 fn what_leaves_the_folder_is_refused() {
-    let mut room = Room::new(Radio::PERFECT, true);
+    let mut room = Room::new(&perfect(), true);
     let outside = tempfile::tempdir().expect("a folder");
     fs::write(outside.path().join("secret"), "key").expect("there is room");
     std::os::unix::fs::symlink(outside.path(), room.folder.path().join("link")).expect("any name");
@@ -247,7 +248,7 @@ fn what_leaves_the_folder_is_refused() {
 
 #[test]
 fn a_folder_that_is_not_writable_is_not_written() {
-    let mut room = Room::new(Radio::PERFECT, false);
+    let mut room = Room::new(&perfect(), false);
     let upload = Job::Upload {
         path: "a".to_owned(),
         bytes: vec![1],
@@ -259,7 +260,7 @@ fn a_folder_that_is_not_writable_is_not_written() {
 
 #[test]
 fn files_are_written_and_verified_over_a_bad_radio() {
-    let mut room = Room::new(Radio::losing(0.2), true);
+    let mut room = Room::new(&losing(0.2), true);
     let bytes = content(5_000);
     let path = "maps/b".to_owned();
     let upload = Job::Upload {
@@ -277,7 +278,7 @@ fn files_are_written_and_verified_over_a_bad_radio() {
 
 #[test]
 fn long_folders_are_listed_in_pages() {
-    let mut room = Room::new(Radio::losing(0.1), false);
+    let mut room = Room::new(&losing(0.1), false);
     for number in 0..100 {
         room.write(&format!("maps/file_{number:03}"), &content(number));
     }
@@ -313,7 +314,7 @@ fn the_checksum_is_the_one_of_autopilots() {
 
 #[test]
 fn sessions_are_bounded_and_belong_to_their_client() {
-    let mut room = Room::new(Radio::PERFECT, false);
+    let mut room = Room::new(&perfect(), false);
     room.write("a", &content(10));
     let mut open = |number: u16, from: Address| {
         let mut request = Packet::request(Opcode::OpenFileRo, 0, 0, b"a");
@@ -349,7 +350,7 @@ fn sessions_are_bounded_and_belong_to_their_client() {
 
 #[test]
 fn what_comes_late_for_a_closed_session_does_not_touch_the_next_of_its_number() {
-    let mut room = Room::new(Radio::PERFECT, false);
+    let mut room = Room::new(&perfect(), false);
     room.write("a", &content(10));
     let mut ask = |sequence: u16, mut packet: Packet| {
         packet.sequence = sequence;
@@ -379,7 +380,7 @@ proptest! {
             (0u8..20, any::<u8>(), any::<u32>(), any::<u8>(), prop::collection::vec(any::<u8>(), 0..30)), 0..60
         )
     ) {
-        let mut room = Room::new(Radio::PERFECT, true);
+        let mut room = Room::new(&perfect(), true);
         let parent = room.folder.path().parent().expect("it has one");
         let beside = parent.join("written-by-nobody");
         for (number, (opcode, session, offset, size, mut data)) in (0u16..).zip(requests) {
@@ -402,7 +403,7 @@ proptest! {
     fn hostile_answers_never_panic_and_take_bounded_memory(
         answers in prop::collection::vec((any::<u8>(), any::<u8>(), any::<u32>(), any::<[u8; 6]>()), 0..60)
     ) {
-        let mut room = Room::new(Radio::PERFECT, false);
+        let mut room = Room::new(&perfect(), false);
         let job = Job::Download { path: "a".to_owned(), resume: Vec::new() };
         room.client.start(room.now, job).expect("it is idle");
         for (kind, asked, offset, data) in answers {

@@ -1,12 +1,13 @@
 use maps::time::Stamp;
 use proptest::prelude::*;
+use sitl::link::Profile;
 
 use super::*;
 use crate::command::{Incoming, Request};
 use crate::dialect::tandem::MavResult;
 use crate::dialect::{Message, MessageExt as _, cmd};
 use crate::service::Ends;
-use crate::simulated::{Air, Radio};
+use crate::simulated::{Air, losing, perfect};
 use crate::wire::Address;
 
 const OWN: Address = Address::new(255, 190);
@@ -68,7 +69,7 @@ fn schedule(now: Stamp, shortest: Duration) -> Schedule {
 }
 
 impl Bench {
-    fn new(skills: Skills, radio: Radio) -> Self {
+    fn new(skills: Skills, radio: &Profile) -> Self {
         let ends = Ends {
             own: OWN,
             peer: ROVER,
@@ -143,7 +144,7 @@ fn granted(message: u32) -> IntervalEvent {
 
 #[test]
 fn rates_are_asked_for_one_after_another_and_come_on_a_link_that_loses_a_fifth() {
-    let mut bench = Bench::new(ALL, Radio::losing(0.2));
+    let mut bench = Bench::new(ALL, &losing(0.2));
     bench.client.want(bench.now, ATTITUDE, every(50));
     bench.client.want(bench.now, GLOBAL_POSITION, every(200));
     bench.client.want(bench.now, VFR_HUD, Rate::Off);
@@ -164,7 +165,7 @@ fn rates_are_asked_for_one_after_another_and_come_on_a_link_that_loses_a_fifth()
 
 #[test]
 fn what_comes_seldom_is_asked_about_instead_of_waited_for() {
-    let mut bench = Bench::new(ALL, Radio::PERFECT);
+    let mut bench = Bench::new(ALL, &perfect());
     bench.client.want(bench.now, HOME_POSITION, every(30_000));
     bench.run(1);
     assert_eq!(bench.events, [granted(HOME_POSITION)]);
@@ -172,7 +173,7 @@ fn what_comes_seldom_is_asked_about_instead_of_waited_for() {
 
 #[test]
 fn the_default_rate_needs_no_check() {
-    let mut bench = Bench::new(ALL, Radio::PERFECT);
+    let mut bench = Bench::new(ALL, &perfect());
     bench.client.want(bench.now, ATTITUDE, Rate::Default);
     bench.run(10);
     assert_eq!(bench.events, [granted(ATTITUDE)]);
@@ -185,7 +186,7 @@ fn a_vehicle_that_grants_less_is_asked_how_much_and_left_in_peace() {
     const ONLY_SET: &[u16] = &[cmd::SET_MESSAGE_INTERVAL];
     for commands in [ALL.commands, WITHOUT_GET, ONLY_SET] {
         let skills = Skills { commands, ..ALL };
-        let mut bench = Bench::new(skills, Radio::PERFECT);
+        let mut bench = Bench::new(skills, &perfect());
         bench.schedule = schedule(bench.now, Duration::from_millis(200));
         bench.client.want(bench.now, ATTITUDE, every(20));
         bench.run(10);
@@ -204,7 +205,7 @@ fn a_vehicle_that_grants_less_is_asked_how_much_and_left_in_peace() {
 
 #[test]
 fn a_vehicle_that_restarts_is_asked_again() {
-    let mut bench = Bench::new(ALL, Radio::losing(0.2));
+    let mut bench = Bench::new(ALL, &losing(0.2));
     bench.client.want(bench.now, ATTITUDE, every(100));
     bench.run(20);
     bench.schedule = schedule(bench.now, Duration::from_millis(5));
@@ -221,7 +222,7 @@ fn a_vehicle_without_intervals_is_asked_for_streams_and_what_is_in_none_is_unava
         streams: true,
         ..ALL
     };
-    let mut bench = Bench::new(skills, Radio::PERFECT);
+    let mut bench = Bench::new(skills, &perfect());
     bench.client.want(bench.now, ATTITUDE, every(100));
     bench.client.want(bench.now, GLOBAL_POSITION, every(100));
     bench.client.want(bench.now, OWN_MESSAGE, every(100));
@@ -247,7 +248,7 @@ fn a_vehicle_without_intervals_is_asked_for_streams_and_what_is_in_none_is_unava
 
 #[test]
 fn a_message_that_the_vehicle_does_not_have_is_unavailable() {
-    let mut bench = Bench::new(ALL, Radio::PERFECT);
+    let mut bench = Bench::new(ALL, &perfect());
     bench.client.want(bench.now, 148, every(1000));
     bench.run(10);
     let unavailable = IntervalEvent::Unavailable { message: 148 };
@@ -265,7 +266,7 @@ fn traffic(bench: &mut Bench) -> (usize, usize) {
 
 #[test]
 fn a_silent_vehicle_is_asked_ever_more_seldom_and_nothing_is_given_up() {
-    let mut bench = Bench::new(ALL, Radio::losing(1.0));
+    let mut bench = Bench::new(ALL, &losing(1.0));
     let (early, late) = traffic(&mut bench);
     assert!(early < 60 && late < 60, "{early}, {late}");
     assert_eq!(bench.events, []);
@@ -273,7 +274,7 @@ fn a_silent_vehicle_is_asked_ever_more_seldom_and_nothing_is_given_up() {
 
 #[test]
 fn a_vehicle_that_does_not_send_what_it_says_is_asked_ever_more_seldom() {
-    let mut bench = Bench::new(Skills { lies: true, ..ALL }, Radio::PERFECT);
+    let mut bench = Bench::new(Skills { lies: true, ..ALL }, &perfect());
     let (early, late) = traffic(&mut bench);
     assert!(early < 40 && late < 60, "{early}, {late}");
 }

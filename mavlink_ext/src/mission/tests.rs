@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use maps::time::Stamp;
 use proptest::prelude::*;
+use sitl::link::Profile;
 
 use super::*;
 use crate::dialect::tandem::{
@@ -12,7 +13,7 @@ use crate::dialect::tandem::{
 };
 use crate::dialect::{Message, MessageExt as _, cmd};
 use crate::service::{Ends, Step};
-use crate::simulated::{Air, Radio};
+use crate::simulated::{Air, losing, perfect};
 use crate::wire::Address;
 
 const STATION: Address = Address::new(255, 190);
@@ -54,7 +55,7 @@ struct Room {
 }
 
 impl Room {
-    fn new(server: Server, radio: Radio, seed: u64) -> Self {
+    fn new(server: Server, radio: &Profile, seed: u64) -> Self {
         Self {
             server,
             up: Air::new(STATION, radio, seed),
@@ -121,7 +122,7 @@ impl Room {
 
 #[test]
 fn what_was_uploaded_is_read_back_and_cleared() {
-    let mut room = Room::new(rover(), Radio::PERFECT, 1);
+    let mut room = Room::new(rover(), &perfect(), 1);
     let mission = survey(20);
     assert_eq!(room.upload(mission.clone()), Ok(()));
     let read = room.download().expect("the rover has it");
@@ -143,7 +144,7 @@ proptest! {
         let before = survey(3);
         let mut server = rover();
         server.set_items(before.clone());
-        let mut room = Room::new(server, Radio::losing(loss), seed >> 1);
+        let mut room = Room::new(server, &losing(loss), seed >> 1);
         let mission = survey(items);
         let uploaded = room.upload(mission.clone());
         // Should every acknowledgement be lost, the client cannot know; the vehicle has one mission or the other.
@@ -161,7 +162,7 @@ proptest! {
 fn a_radio_that_loses_one_message_in_five_is_good_enough() {
     let succeeded = (0..50)
         .filter(|seed| {
-            let mut room = Room::new(rover(), Radio::losing(0.2), 1000 + seed);
+            let mut room = Room::new(rover(), &losing(0.2), 1000 + seed);
             room.upload(survey(20)).is_ok()
         })
         .count();
@@ -170,11 +171,8 @@ fn a_radio_that_loses_one_message_in_five_is_good_enough() {
 
 #[test]
 fn a_silent_vehicle_is_given_up_after_nine_seconds() {
-    let deaf = Radio {
-        loss: 1.0,
-        ..Radio::PERFECT
-    };
-    let mut room = Room::new(rover(), deaf, 1);
+    let deaf = losing(1.0);
+    let mut room = Room::new(rover(), &deaf, 1);
     let error = room.upload(survey(2)).expect_err("nobody hears");
     assert_eq!(error, MissionError::NoAnswer { done: 0, total: 2 });
     assert_eq!(room.now.since(Stamp::ZERO), Duration::from_secs(9));
@@ -186,7 +184,7 @@ fn a_silent_vehicle_is_given_up_after_nine_seconds() {
 
 #[test]
 fn a_refused_item_keeps_the_old_mission() {
-    let mut room = Room::new(rover(), Radio::PERFECT, 1);
+    let mut room = Room::new(rover(), &perfect(), 1);
     room.upload(survey(3)).expect("fine");
     let mut bad = survey(5);
     bad[2].command = cmd::NAV_LAND;

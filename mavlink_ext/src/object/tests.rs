@@ -6,12 +6,13 @@ use maps::time::Stamp;
 use proptest::prelude::*;
 use rand::SeedableRng as _;
 use rand_pcg::Pcg64;
+use sitl::link::Profile;
 
 use super::*;
 use crate::dialect::Message;
 use crate::dialect::tandem::{TANDEM_OBJECT_DATA, TANDEM_REPORT_DATA, TANDEM_SYMBOL_DATA};
 use crate::service::Ends;
-use crate::simulated::{Air, Radio};
+use crate::simulated::{Air, losing, perfect};
 use crate::wire::Address;
 
 const UAV: Address = Address::new(1, 191);
@@ -32,11 +33,11 @@ struct Room {
 }
 
 impl Room {
-    fn new(radio: Radio, seed: u64) -> Self {
+    fn new(radio: &Profile, seed: u64) -> Self {
         Self::with(radio, seed, SenderSettings::default())
     }
 
-    fn with(radio: Radio, seed: u64, settings: SenderSettings) -> Self {
+    fn with(radio: &Profile, seed: u64, settings: SenderSettings) -> Self {
         let ends = Ends {
             own: UAV,
             peer: STATION,
@@ -133,7 +134,7 @@ fn content(size: usize, seed: u64) -> Vec<u8> {
 
 #[track_caller]
 fn check_twenty_tiles_arrive(loss: f64, most_overhead: f64) {
-    let mut room = Room::new(Radio::losing(loss), 3);
+    let mut room = Room::new(&losing(loss), 3);
     let sizes: Vec<usize> = (0..20).map(|key| 500 + 2500 * key).collect();
     for (key, &size) in sizes.iter().enumerate() {
         room.offer(key as u64, 1, content(size, key as u64));
@@ -181,7 +182,7 @@ fn the_budget_is_kept() {
         bytes_per_second: 50_000,
         ..SenderSettings::default()
     };
-    let mut room = Room::with(Radio::PERFECT, 1, settings);
+    let mut room = Room::with(&perfect(), 1, settings);
     room.offer(1, 1, content(200_000, 1));
     let took = room.run_until_idle(Duration::from_mins(1)).as_secs_f64();
     let sent = room.sender.stats(room.now).wire_bytes as f64;
@@ -191,7 +192,7 @@ fn the_budget_is_kept() {
 
 #[test]
 fn a_receiver_that_starts_late_gets_everything_and_little_is_sent_before() {
-    let mut room = Room::new(Radio::losing(0.1), 5);
+    let mut room = Room::new(&losing(0.1), 5);
     room.receiving = false;
     for key in 0..5 {
         room.offer(key, 1, content(30_000, key));
@@ -208,7 +209,7 @@ fn a_receiver_that_starts_late_gets_everything_and_little_is_sent_before() {
 
 #[test]
 fn a_receiver_that_restarts_can_be_given_again_what_it_had() {
-    let mut room = Room::new(Radio::losing(0.1), 6);
+    let mut room = Room::new(&losing(0.1), 6);
     for key in 0..5 {
         room.offer(key, 1, content(30_000, key));
     }
@@ -233,7 +234,7 @@ fn a_receiver_that_restarts_can_be_given_again_what_it_had() {
 
 #[test]
 fn a_receiver_that_restarts_in_the_middle_gets_what_is_under_way_and_the_rest_is_named() {
-    let mut room = Room::new(Radio::losing(0.1), 7);
+    let mut room = Room::new(&losing(0.1), 7);
     for key in 0..10 {
         room.offer(key, 1, content(100_000, key));
     }
@@ -254,7 +255,7 @@ fn a_receiver_that_restarts_in_the_middle_gets_what_is_under_way_and_the_rest_is
 
 #[test]
 fn what_the_receiver_lacks_is_taken_again_unless_it_is_on_its_way() {
-    let mut room = Room::new(Radio::PERFECT, 8);
+    let mut room = Room::new(&perfect(), 8);
     room.offer(1, 3, content(900, 1));
     let again = |room: &mut Room| {
         let id = tile(1, 3);
@@ -276,7 +277,7 @@ fn what_the_receiver_lacks_is_taken_again_unless_it_is_on_its_way() {
 
 #[test]
 fn a_sender_that_restarts_replaces_what_the_receiver_has() {
-    let mut room = Room::new(Radio::losing(0.1), 9);
+    let mut room = Room::new(&losing(0.1), 9);
     room.offer(1, 7, content(5_000, 1));
     room.run_until_idle(Duration::from_secs(5));
     let ends = Ends {
@@ -295,7 +296,7 @@ fn a_newer_version_replaces_one_that_waits_but_not_one_under_way() {
         bytes_per_second: 20_000,
         ..SenderSettings::default()
     };
-    let mut room = Room::with(Radio::PERFECT, 10, settings);
+    let mut room = Room::with(&perfect(), 10, settings);
     room.run(Duration::from_secs(2));
     for version in 1..=50 {
         room.offer(1, version, content(10_000, version));
@@ -339,7 +340,7 @@ fn what_has_a_deadline_goes_first_and_expires() {
         bytes_per_second: 100_000,
         ..SenderSettings::default()
     };
-    let mut room = Room::with(Radio::PERFECT, 11, settings);
+    let mut room = Room::with(&perfect(), 11, settings);
     room.run(Duration::from_secs(2));
     room.offer(1, 1, content(400_000, 1));
     room.run(Duration::from_millis(200));
@@ -367,7 +368,7 @@ fn what_has_a_deadline_goes_first_and_expires() {
 
 #[test]
 fn best_effort_is_sent_once() {
-    let mut room = Room::new(Radio::PERFECT, 12);
+    let mut room = Room::new(&perfect(), 12);
     room.run(Duration::from_secs(2));
     let picture = Object {
         id: ObjectId {
@@ -393,7 +394,7 @@ proptest! {
         seed in any::<u64>(), loss in 0.0..0.3,
         offers in prop::collection::vec((0u64..4, 1usize..6_000, 0u64..400), 1..20)
     ) {
-        let mut room = Room::new(Radio::losing(loss), seed);
+        let mut room = Room::new(&losing(loss), seed);
         let mut last = BTreeMap::new();
         for (version, (key, size, pause_ms)) in (1..).zip(offers) {
             room.offer(key, version, content(size, version));
@@ -441,7 +442,7 @@ proptest! {
     fn hostile_reports_never_panic(
         reports in prop::collection::vec((any::<u32>(), any::<u32>(), any::<u8>(), any::<u8>(), any::<u16>()), 0..50)
     ) {
-        let mut room = Room::new(Radio::PERFECT, 1);
+        let mut room = Room::new(&perfect(), 1);
         room.offer(1, 1, content(5_000, 1));
         for (session, symbols, count, state, missing) in reports {
             let report = TANDEM_REPORT_DATA {
@@ -457,7 +458,7 @@ proptest! {
 
 #[test]
 fn one_transfer_with_a_forged_symbol_is_sent_again() {
-    let mut room = Room::new(Radio::PERFECT, 13);
+    let mut room = Room::new(&perfect(), 13);
     room.offer(1, 1, content(24_000, 1));
     room.run(Duration::from_millis(20));
     let forged = Message::TANDEM_SYMBOL(TANDEM_SYMBOL_DATA {
@@ -474,7 +475,7 @@ fn one_transfer_with_a_forged_symbol_is_sent_again() {
 
 #[test]
 fn objects_that_cannot_be_sent_are_refused_with_the_numbers() {
-    let mut room = Room::new(Radio::PERFECT, 14);
+    let mut room = Room::new(&perfect(), 14);
     let object = |size| Object {
         id: ObjectId::of_tile(TileId { x: -3, y: 4, z: 0 }, 2).expect("in the world"),
         service: Service::Reliable,

@@ -4,10 +4,11 @@ use std::time::Duration;
 
 use maps::time::Stamp;
 use proptest::prelude::*;
+use sitl::link::Profile;
 
 use super::*;
 use crate::service::Ends;
-use crate::simulated::{Air, Radio};
+use crate::simulated::{Air, losing, perfect};
 use crate::wire::Address;
 
 const STATION: Address = Address::new(255, 190);
@@ -22,7 +23,7 @@ struct Room {
 }
 
 impl Room {
-    fn new(radio: Radio) -> Self {
+    fn new(radio: &Profile) -> Self {
         let mut parameters: Vec<Parameter> = (0..200)
             .map(|i| Parameter::real(&format!("RATE_{i}"), f64::from(i) * 0.25))
             .collect();
@@ -65,7 +66,7 @@ impl Room {
 
 #[test]
 fn all_parameters_are_read_over_a_bad_radio_and_one_is_set() {
-    let mut room = Room::new(Radio::losing(0.2));
+    let mut room = Room::new(&losing(0.2));
     let first = room.client.read_all(room.now);
     assert_eq!(room.run(first), Some(ClientEvent::Read(Ok(()))));
     let read: Vec<Parameter> = room.client.parameters().cloned().collect();
@@ -79,7 +80,7 @@ fn all_parameters_are_read_over_a_bad_radio_and_one_is_set() {
 
 #[test]
 fn a_parameter_that_is_not_there_is_not_confirmed() {
-    let mut room = Room::new(Radio::PERFECT);
+    let mut room = Room::new(&perfect());
     let first = room.client.set(room.now, Parameter::real("NONE", 1.0));
     let name = "NONE".to_owned();
     let error = ParamError::NotConfirmed { name };
@@ -88,7 +89,7 @@ fn a_parameter_that_is_not_there_is_not_confirmed() {
 
 #[test]
 fn a_value_that_is_no_number_changes_nothing_and_is_answered_with_the_old_one() {
-    let mut room = Room::new(Radio::PERFECT);
+    let mut room = Room::new(&perfect());
     let first = room
         .client
         .set(room.now, Parameter::real("RATE_4", f64::NAN));
@@ -98,11 +99,8 @@ fn a_value_that_is_no_number_changes_nothing_and_is_answered_with_the_old_one() 
 
 #[test]
 fn a_silent_vehicle_is_given_up() {
-    let deaf = Radio {
-        loss: 1.0,
-        ..Radio::PERFECT
-    };
-    let mut room = Room::new(deaf);
+    let deaf = losing(1.0);
+    let mut room = Room::new(&deaf);
     let first = room.client.read_all(room.now);
     let error = ParamError::NoAnswer { read: 0, total: 0 };
     assert_eq!(room.run(first), Some(ClientEvent::Read(Err(error))));

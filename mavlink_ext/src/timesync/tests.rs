@@ -1,7 +1,8 @@
 use proptest::prelude::*;
+use sitl::link::{Loss, Profile};
 
 use super::*;
-use crate::simulated::{Air, Radio};
+use crate::simulated::{Air, perfect};
 
 const OWN: Address = Address::new(255, 190);
 const PEER: Address = Address::new(1, 191);
@@ -13,17 +14,24 @@ const ENDS: Ends = Ends {
 const SEEDS: u64 = 4;
 const TICK: Duration = Duration::from_millis(1);
 
-/// 200 ms there and 50 ms back, 40 ms of jitter, a fifth lost, some repeated.
-const SLOW_THERE: Radio = Radio {
-    loss: 0.2,
-    repeat: 0.05,
-    delay: Duration::from_millis(200),
-    jitter: Duration::from_millis(40),
-};
-const FAST_BACK: Radio = Radio {
-    delay: Duration::from_millis(50),
-    ..SLOW_THERE
-};
+/// A fifth is lost, some repeated, and 40 ms of jitter come to the delay.
+fn taking(millis: u64) -> Profile {
+    Profile {
+        loss: Loss::Even(0.2),
+        repeat: 0.05,
+        delay: Duration::from_millis(millis),
+        jitter: Duration::from_millis(40),
+        ..Profile::IDEAL
+    }
+}
+
+fn slow_there() -> Profile {
+    taking(200)
+}
+
+fn fast_back() -> Profile {
+    taking(50)
+}
 
 /// A peer whose clock is ahead and runs faster.
 #[derive(Clone, Copy)]
@@ -55,7 +63,11 @@ struct Bench {
 }
 
 impl Bench {
-    fn new(there: Radio, back: Radio, clock: Clock) -> Self {
+    fn new(there: &Profile, back: &Profile, clock: Clock) -> Self {
+        Self::seeded(there, back, clock, 0)
+    }
+
+    fn seeded(there: &Profile, back: &Profile, clock: Clock, seed: u64) -> Self {
         Self {
             now: Stamp::ZERO,
             own: Timesync::new(ENDS),
@@ -64,17 +76,9 @@ impl Bench {
                 peer: OWN,
             }),
             clock,
-            there: Air::new(OWN, there, 1),
-            back: Air::new(PEER, back, 2),
+            there: Air::new(OWN, there, seed),
+            back: Air::new(PEER, back, seed + 1000),
             restarts: 0,
-        }
-    }
-
-    fn seeded(self, seed: u64) -> Self {
-        Self {
-            there: self.there.seeded(seed),
-            back: self.back.seeded(seed + 1000),
-            ..self
         }
     }
 
@@ -111,14 +115,14 @@ impl Bench {
 /// Ten minutes at 40 ppm, from several seeds: the error is the asymmetry of the least delays, which cannot be seen, and
 /// after a minute at most 4 ms more. The bound always covers it, and so do 1.1 sigma of the worst possible asymmetry.
 #[track_caller]
-fn check_ten_minutes(there: Radio, back: Radio) {
+fn check_ten_minutes(there: &Profile, back: &Profile) {
     let clock = Clock {
         ahead: Duration::from_secs(1234),
         skew: 40e-6,
     };
     let asymmetry = (there.delay.as_secs_f64() - back.delay.as_secs_f64()) / 2.0;
     for seed in 0..SEEDS {
-        let mut bench = Bench::new(there, back, clock).seeded(seed);
+        let mut bench = Bench::seeded(there, back, clock, seed);
         bench.run(Duration::from_secs(5));
         for second in 5..600 {
             bench.run(Duration::from_secs(1));
@@ -147,17 +151,13 @@ fn check_ten_minutes(there: Radio, back: Radio) {
 
 #[test]
 fn ten_minutes_of_asymmetric_delay_loss_and_skew_cost_only_the_asymmetry_and_4_ms() {
-    check_ten_minutes(SLOW_THERE, FAST_BACK);
-    check_ten_minutes(FAST_BACK, SLOW_THERE);
+    check_ten_minutes(&slow_there(), &fast_back());
+    check_ten_minutes(&fast_back(), &slow_there());
 }
 
 #[test]
 fn delays_alike_both_ways_leave_4_ms() {
-    let even = Radio {
-        delay: Duration::from_millis(125),
-        ..SLOW_THERE
-    };
-    check_ten_minutes(even, even);
+    check_ten_minutes(&taking(125), &taking(125));
 }
 
 #[test]
@@ -166,7 +166,7 @@ fn both_ends_learn_the_same() {
         ahead: Duration::from_secs(7),
         skew: -30e-6,
     };
-    let mut bench = Bench::new(SLOW_THERE, FAST_BACK, clock);
+    let mut bench = Bench::new(&slow_there(), &fast_back(), clock);
     bench.run(Duration::from_mins(5));
     let own = bench.estimate();
     let peer = bench.peer.estimate(clock.at(bench.now));
@@ -184,7 +184,7 @@ fn the_uncertainty_grows_while_the_link_is_silent_and_still_covers() {
         ahead: Duration::from_secs(3),
         skew: 40e-6,
     };
-    let mut bench = Bench::new(SLOW_THERE, FAST_BACK, clock);
+    let mut bench = Bench::new(&slow_there(), &fast_back(), clock);
     bench.run(Duration::from_mins(2));
     let before = bench.estimate();
     assert!(before.sigma >= Duration::from_millis(72), "250 ms / (2 √3)");
@@ -209,7 +209,7 @@ fn an_old_stamp_is_translated_with_the_skew() {
         ahead: Duration::from_secs(9),
         skew: 50e-6,
     };
-    let mut bench = Bench::new(Radio::PERFECT, Radio::PERFECT, clock);
+    let mut bench = Bench::new(&perfect(), &perfect(), clock);
     bench.run(Duration::from_mins(10));
     let long_ago = Stamp::ZERO + Duration::from_secs(100);
     let (own, bound) = (bench.own.to_own(bench.now, clock.at(long_ago))).expect("known");
@@ -227,17 +227,17 @@ fn a_route_that_gets_longer_one_way_widens_nothing_and_one_that_turns_round_is_c
         ahead: Duration::from_secs(3),
         skew: 20e-6,
     };
-    let mut bench = Bench::new(FAST_BACK, FAST_BACK, clock);
+    let mut bench = Bench::new(&fast_back(), &fast_back(), clock);
     bench.run(Duration::from_secs(200));
-    bench.there = Air::new(OWN, SLOW_THERE, 3);
+    bench.there = Air::new(OWN, &slow_there(), 3);
     for _ in 0..200 {
         bench.run(Duration::from_secs(1));
         let (error, bound) = (bench.error(), bench.estimate().bound);
         assert!(error.abs() <= bound.as_secs_f64(), "{error} s of {bound:?}");
         assert!(bound < Duration::from_millis(75), "{bound:?}");
     }
-    bench.there = Air::new(OWN, FAST_BACK, 4);
-    bench.back = Air::new(PEER, SLOW_THERE, 5);
+    bench.there = Air::new(OWN, &fast_back(), 4);
+    bench.back = Air::new(PEER, &slow_there(), 5);
     for _ in 0..200 {
         bench.run(Duration::from_secs(1));
         let (error, bound) = (bench.error(), bench.estimate().bound);
@@ -252,7 +252,7 @@ fn a_peer_that_restarts_is_noticed_within_five_seconds_on_a_bad_link() {
         ahead: Duration::from_secs(1234),
         skew: 40e-6,
     };
-    let mut bench = Bench::new(SLOW_THERE, FAST_BACK, clock);
+    let mut bench = Bench::new(&slow_there(), &fast_back(), clock);
     bench.run(Duration::from_mins(2));
     bench.clock = Clock {
         ahead: Duration::ZERO,
@@ -337,7 +337,7 @@ fn with_utc(peer_says: u64) -> Bench {
         ahead: Duration::from_secs(100),
         skew: 40e-6,
     };
-    let mut bench = Bench::new(SLOW_THERE, FAST_BACK, clock);
+    let mut bench = Bench::new(&slow_there(), &fast_back(), clock);
     bench.run(Duration::from_mins(1));
     let own_utc = Utc {
         offset: 1_800_000_000_000_000_000,
@@ -379,7 +379,7 @@ fn a_short_round_trip_beats_utc() {
         ahead: Duration::from_secs(100),
         skew: 0.0,
     };
-    let mut bench = Bench::new(Radio::PERFECT, Radio::PERFECT, clock);
+    let mut bench = Bench::new(&perfect(), &perfect(), clock);
     bench.run(Duration::from_secs(10));
     let utc = |offset| Utc {
         offset,
@@ -399,7 +399,7 @@ fn utc_goes_from_an_autopilot_by_our_clock_to_the_other_end() {
         ahead: Duration::from_secs(30),
         skew: 10e-6,
     };
-    let mut bench = Bench::new(Radio::PERFECT, Radio::PERFECT, clock);
+    let mut bench = Bench::new(&perfect(), &perfect(), clock);
     let utc_of_autopilot = Utc {
         offset: 1_800_000_000_000_000_000,
         sigma: Duration::ZERO,
