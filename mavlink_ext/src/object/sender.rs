@@ -1,8 +1,9 @@
 //! The sending end: a queue, a few transfers under way, and a pacer.
 
+mod queue;
 mod transfer;
 
-use std::collections::{BTreeMap, VecDeque};
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -15,6 +16,7 @@ use crate::dialect::Message;
 use crate::dialect::tandem::TANDEM_REPORT_DATA;
 use crate::service::{Ends, Step};
 use crate::wire::Address;
+use queue::{Queue, Waiting, replaces};
 use transfer::{Conditions, Outgoing, Transfer, Verdict};
 
 /// A receiver that has not reported for so long is gone: only announcements are sent, to find it again.
@@ -143,20 +145,13 @@ pub struct SenderStats {
 
 type Key = (StreamId, u64);
 
-#[derive(Clone, Debug)]
-struct Waiting {
-    object: Arc<Object>,
-    offered: Stamp,
-}
-
 /// Sends objects to one receiver.
 pub struct Sender {
     ends: Ends,
     settings: SenderSettings,
     session: u16,
     transfers_begun: u16,
-    /// By priority.
-    waiting: [VecDeque<Waiting>; 3],
+    waiting: Queue,
     active: Vec<Transfer>,
     /// The newest version offered of each reliable key.
     newest: BTreeMap<Key, u64>,
@@ -183,7 +178,7 @@ impl Sender {
             settings,
             session,
             transfers_begun: 0,
-            waiting: Default::default(),
+            waiting: Queue::default(),
             active: Vec::new(),
             newest: BTreeMap::new(),
             delivered: BTreeMap::new(),
@@ -206,46 +201,28 @@ impl Sender {
             return Err(OfferError::Size { id, bytes });
         }
         let key = (id.stream, id.key);
-        if object.service == Service::Reliable
+        let is_reliable = object.service == Service::Reliable;
+        if is_reliable
             && let Some(&newest) = self.newest.get(&key)
             && newest >= id.version
         {
             return Err(OfferError::Outdated { id, newest });
         }
-        let replaced = |other: &Object| match object.service {
-            Service::Reliable | Service::BestEffort => {
-                (other.id.stream, other.id.key) == key && other.service == object.service
-            }
-            Service::Latest { .. } => {
-                other.id.stream == id.stream && matches!(other.service, Service::Latest { .. })
-            }
-        };
-        // The older version's place in the queue goes to the newer one: what changes often is not always last.
-        let queue = usize::from(transfer::priority(object.service));
-        let place = (self.waiting[queue].iter()).position(|w| replaced(&w.object));
-        let freed = place.map_or(0, |place| self.waiting[queue][place].object.bytes.len());
-        let queued = self.waiting_bytes() - freed;
-        if queued + bytes > self.settings.max_queued_bytes {
-            return Err(OfferError::Full { id, bytes, queued });
-        }
-        if object.service == Service::Reliable {
-            self.newest.insert(key, id.version);
-        }
-        let unsent = self.active.len();
-        self.active
-            .retain(|transfer| transfer.has_begun() || !replaced(transfer.object()));
-        self.counts.objects_replaced += (unsent - self.active.len()) as u64;
         let waiting = Waiting {
             object: Arc::new(object),
             offered: now,
         };
-        match place {
-            Some(place) => {
-                self.counts.objects_replaced += 1;
-                self.waiting[queue][place] = waiting;
-            }
-            None => self.waiting[queue].push_back(waiting),
+        let object = Arc::clone(&waiting.object);
+        let max_bytes = self.settings.max_queued_bytes;
+        let has_replaced = self.waiting.push(waiting, max_bytes)?;
+        if is_reliable {
+            self.newest.insert(key, id.version);
         }
+        let under_way = self.active.len();
+        self.active
+            .retain(|transfer| transfer.has_begun() || !replaces(&object, transfer.object()));
+        let unsent = under_way - self.active.len();
+        self.counts.objects_replaced += unsent as u64 + u64::from(has_replaced);
         Ok(())
     }
 
@@ -346,7 +323,7 @@ impl Sender {
     }
 
     fn pending(&self) -> impl Iterator<Item = ObjectId> {
-        let waiting = self.waiting.iter().flatten().map(|w| w.object.id);
+        let waiting = self.waiting.iter().map(|w| w.object.id);
         waiting.chain(self.active.iter().map(|t| t.object().id))
     }
 
@@ -426,9 +403,8 @@ impl Sender {
             }
             over
         };
-        for queue in &mut self.waiting {
-            queue.retain(|waiting| !is_over(&waiting.object, waiting.offered));
-        }
+        self.waiting
+            .retain(|waiting| !is_over(&waiting.object, waiting.offered));
         self.active
             .retain(|transfer| !is_over(transfer.object(), transfer.offered()));
         step
@@ -481,9 +457,10 @@ impl Sender {
         let of = |priority: u8| self.active.iter().filter(move |t| t.priority() == priority);
         let (latest, reliable) = (of(0).count(), of(1).count());
         let under_way = self.under_way();
-        let [first, second, third] = &mut self.waiting;
-        if latest < MAX_LATEST && !first.is_empty() {
-            return first.pop_front();
+        if latest < MAX_LATEST
+            && let Some(waiting) = self.waiting.pop(0, |_| true)
+        {
+            return Some(waiting);
         }
         let lost_reports = LOST_REPORT.mul_f64(self.link.loss().unwrap_or(0.0));
         let round = self.link.patience() + ROUND_LATENCY + lost_reports;
@@ -492,17 +469,16 @@ impl Sender {
         let has_room = under_way < window.min(self.room) || reliable == 0;
         if reliable < MAX_RELIABLE && has_room {
             let active = &self.active;
-            let is_free = |waiting: &Waiting| {
-                let id = waiting.object.id;
+            let is_free = |id: ObjectId| {
                 let is_same = |other: ObjectId| (other.stream, other.key) == (id.stream, id.key);
                 !active.iter().any(|transfer| is_same(transfer.object().id))
             };
-            if let Some(place) = second.iter().position(is_free) {
-                return second.remove(place);
+            if let Some(waiting) = self.waiting.pop(1, is_free) {
+                return Some(waiting);
             }
         }
         if self.active.is_empty() {
-            third.pop_front()
+            self.waiting.pop(2, |_| true)
         } else {
             None
         }
@@ -521,17 +497,9 @@ impl Sender {
             .map(|(place, _)| place)
     }
 
-    fn waiting_bytes(&self) -> usize {
-        self.waiting
-            .iter()
-            .flatten()
-            .map(|w| w.object.bytes.len())
-            .sum()
-    }
-
     /// Whether everything offered is delivered, refused or expired.
     pub fn is_idle(&self) -> bool {
-        self.waiting.iter().all(VecDeque::is_empty) && self.active.is_empty()
+        self.pending().next().is_none()
     }
 
     /// How it goes.
@@ -541,9 +509,8 @@ impl Sender {
             keys_delivered: (self.delivered.iter())
                 .filter(|(key, version)| self.newest.get(key) == Some(version))
                 .count(),
-            objects_pending: self.waiting.iter().map(VecDeque::len).sum::<usize>()
-                + self.active.len(),
-            bytes_pending: self.waiting_bytes() + active_bytes,
+            objects_pending: self.pending().count(),
+            bytes_pending: self.waiting.bytes() + active_bytes,
             loss: self.link.loss(),
             pace: self.pacer.rate(now),
             wait: self.pacer.wait(),
