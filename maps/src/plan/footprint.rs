@@ -56,6 +56,19 @@ impl Footprint {
         pose.ahead(self.center_ahead)
     }
 
+    /// The middles of the discs that cover the rectangle, (x, y); with the sine and cosine of the heading.
+    fn discs_at(
+        &self,
+        pose: &Pose2,
+        (sin, cos): (f64, f64),
+    ) -> impl Iterator<Item = [f64; 2]> + use<> {
+        let ((count, apart, _), pose, first) = (self.discs, *pose, self.center_ahead);
+        (0..count).map(move |i| {
+            let ahead = first + (f64::from(i) - 0.5 * f64::from(count - 1)) * apart;
+            [pose.x_m + ahead * cos, pose.y_m + ahead * sin]
+        })
+    }
+
     fn rectangle(&self, pose: &Pose2) -> Rectangle {
         self.rectangle_of(pose, pose.heading_rad.sin_cos())
     }
@@ -366,15 +379,30 @@ impl<'a> Checker<'a> {
     /// The same where the room at `from` is already known.
     pub(crate) fn is_free_beyond(&self, from: &Pose2, motion: &Motion, room_m: f64) -> bool {
         let length = motion.length_m();
+        // Where a motion is not free, its end mostly is not.
+        if self.room_m(&motion.at(from, length)).is_none() {
+            return false;
+        }
         let (mut driven, mut room) = (0.0, room_m);
-        while driven < length {
-            driven = (driven + self.step_m.max(room / self.footprint.sweep)).min(length);
+        loop {
+            driven += self.step_m.max(room / self.footprint.sweep);
+            if driven >= length {
+                return true;
+            }
             match self.room_m(&motion.at(from, driven)) {
                 Some(left) => room = left,
                 None => return false,
             }
         }
-        true
+    }
+
+    /// A lower bound of the distance from the footprint at `pose` to the nearest blocked cell, at once.
+    pub(crate) fn clearance_at_least_m(&self, pose: &Pose2) -> f64 {
+        let (sin, cos) = pose.heading_rad.sin_cos();
+        let covering_m = self.footprint.discs.2;
+        (self.footprint.discs_at(pose, (sin, cos)))
+            .map(|[x, y]| self.grid.bounds_at(&self.blocked.distances, x, y)[0] - covering_m)
+            .fold(f64::INFINITY, f64::min)
     }
 
     /// Distance from the footprint at `pose` to the nearest blocked cell, exactly up to `enough_m`.

@@ -83,15 +83,21 @@ pub(crate) fn sampled(
 /// place to look at is as far as no corner can come nearer.
 fn least_clearance(checker: &Checker<'_>, from: &Pose2, motion: &Motion, least_m: f64) -> f64 {
     let (mut least, mut driven) = (least_m, 0.0);
-    let mut spare = checker.clearance_m(from, least + ENOUGH_M) - least;
-    while driven < motion.length_m() && !spare.is_nan() {
-        let step = (spare / checker.footprint.sweep()).max(FINE_M / checker.footprint.sweep());
-        driven = (driven + step).min(motion.length_m());
-        let clearance = checker.clearance_m(&motion.at(from, driven), least + ENOUGH_M);
+    let mut pose = *from;
+    loop {
+        let mut clearance = checker.clearance_at_least_m(&pose);
+        if clearance < least + FINE_M {
+            clearance = checker.clearance_m(&pose, least + ENOUGH_M);
+        }
         least = least.min(clearance);
-        spare = clearance - least;
+        let spare = clearance - least;
+        if driven >= motion.length_m() || spare.is_nan() {
+            return least;
+        }
+        driven += spare.max(FINE_M) / checker.footprint.sweep();
+        driven = driven.min(motion.length_m());
+        pose = motion.at(from, driven);
     }
-    least
 }
 
 /// How exact the clearance of a path is.
