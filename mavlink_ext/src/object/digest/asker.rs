@@ -15,6 +15,9 @@ use crate::wire::Address;
 
 /// Questions that wait for an answer at once: they are small, and what they ask for takes longer than they do.
 const WINDOW: usize = 4;
+/// From one question to the next, however soon the answers come: a sender that says that everything differs must not make us
+/// fill the link.
+const SPACING: Duration = Duration::from_millis(20);
 /// A question without an answer is asked again after so long.
 const AGAIN: Duration = Duration::from_secs(1);
 /// So often; then the next round begins anew.
@@ -75,6 +78,7 @@ struct Round {
     regions: Vec<Region>,
     /// When each was asked for last, and how often.
     asked: BTreeMap<Region, (Stamp, u32)>,
+    asked_last: Option<Stamp>,
     lacking: u32,
 }
 
@@ -243,6 +247,7 @@ impl Round {
             salt,
             regions: vec![Region::WORLD],
             asked: BTreeMap::new(),
+            asked_last: None,
             lacking: 0,
         }
     }
@@ -260,7 +265,8 @@ impl Round {
             (*at, *tries) = (now, *tries + 1);
             ask.push(*region);
         }
-        if self.asked.len() < WINDOW && !self.regions.is_empty() {
+        let is_time = (self.asked_last).is_none_or(|last| now.since(last) >= SPACING);
+        if is_time && self.asked.len() < WINDOW && !self.regions.is_empty() {
             // The nearest last; of those as near the smallest, so that there are never many at once.
             let distance = |region: &Region| {
                 let distances = path.iter().map(|tile| region.distance_squared(*tile));
@@ -270,13 +276,59 @@ impl Round {
                 .sort_by_cached_key(|region| std::cmp::Reverse(distance(region)));
             let too_many = self.regions.len().saturating_sub(MAX_REGIONS);
             self.regions.drain(..too_many);
-            while self.asked.len() < WINDOW
-                && let Some(region) = self.regions.pop()
-            {
+            if let Some(region) = self.regions.pop() {
                 self.asked.insert(region, (now, 1));
+                self.asked_last = Some(now);
                 ask.push(region);
             }
         }
-        (!self.asked.is_empty()).then_some(ask)
+        let is_over = self.asked.is_empty() && self.regions.is_empty();
+        (!is_over).then_some(ask)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dialect::tandem::TANDEM_STATUS_DATA;
+
+    const UAV: Address = Address::new(1, 191);
+    const TICK: Duration = Duration::from_millis(10);
+
+    #[test]
+    fn a_sender_that_says_that_everything_differs_everywhere_costs_little_memory_and_no_flood() {
+        let mut asker = Asker::new(Address::new(255, 190), 1);
+        let mut now = Stamp::ZERO;
+        let (mut questions, mut most_regions) = (0_u128, 0);
+        for _ in 0..20_000 {
+            now += TICK;
+            let status = Message::TANDEM_STATUS(TANDEM_STATUS_DATA::default());
+            asker.handle(now, UAV, &status);
+            for question in asker.tick(now) {
+                questions += 1;
+                let Message::TANDEM_DIGEST(asked) = question else {
+                    panic!("a question")
+                };
+                let lie = TANDEM_DIGEST_ACK_DATA {
+                    differing: u64::MAX,
+                    salt: asked.salt,
+                    x: asked.x,
+                    y: asked.y,
+                    z: asked.z,
+                    level: asked.level,
+                    inner_level: 99,
+                    ..Default::default()
+                };
+                asker.handle(now, UAV, &Message::TANDEM_DIGEST_ACK(lie));
+            }
+            let round = asker.senders[&UAV].round.as_ref();
+            most_regions = most_regions.max(round.map_or(0, |round| round.regions.len()));
+        }
+        assert!(most_regions <= MAX_REGIONS + WINDOW * HASHES);
+        let most = 20_000 * TICK.as_millis() / SPACING.as_millis();
+        assert!(
+            (most / 2..=most + 100).contains(&questions),
+            "{questions} in 200 s"
+        );
     }
 }
