@@ -21,16 +21,22 @@ use crate::wire::{Address, RawFrame};
 const ALL_LOST: f64 = 0.001;
 /// No frame is sent more often at once, however bad the link is.
 const MAX_TIMES: u32 = 8;
-/// Where losses come in bursts it goes so often: over 45 ms, which most bursts do not last.
-const TIMES_IN_BURSTS: u32 = 10;
+/// Where losses come in bursts, copies go for so long in any case: most bursts do not last longer.
+const OUTLASTED: Duration = Duration::from_millis(45);
 /// More frames than this lost one after the other, on average, are bursts: at a loss of a half, two are chance.
 const BURST: f64 = 2.5;
 /// Less loss than this is none.
 const LEAST_LOSS: f64 = 0.005;
-/// Time from one copy to the next.
-const SPACING: Duration = Duration::from_millis(5);
-/// Further copies of a command that is not acknowledged, in milliseconds: until it is repeated as MAVLink says.
-const LATE_MS: [u64; 8] = [60, 90, 135, 200, 300, 450, 680, 1000];
+/// Time from one copy to the next at least.
+const SPACING: Duration = Duration::from_millis(2);
+/// Where losses come in bursts, each copy goes so many times as long after the first as the one before: no burst delays a command by much
+/// more than its own length.
+const LATER_IN_BURSTS: f64 = 1.2;
+/// Elsewhere, further copies of a command that is not acknowledged go from this time on, and so much later each.
+const LATE: Duration = Duration::from_millis(60);
+const LATER: f64 = 1.5;
+/// Then a command is repeated as MAVLink says.
+const LATEST: Duration = Duration::from_millis(1000);
 /// Acknowledgements kept for copies of their commands.
 const MAX_ANSWERS: usize = 32;
 /// Copies that wait at most: far more than an operator's commands make.
@@ -85,6 +91,24 @@ fn command_in(frame: &RawFrame) -> Option<u16> {
     Some(u16::from_le_bytes([at(offset), at(offset + 1)]))
 }
 
+/// How long after a frame its copies go. Those of a command go on until it is acknowledged.
+fn copies(Loss { share, run }: Loss, is_command: bool) -> Vec<Duration> {
+    let grown = |first: Duration, by: f64, until: Duration| {
+        std::iter::successors(Some(first), move |after| {
+            Some(after.mul_f64(by).max(*after + SPACING))
+        })
+        .take_while(move |after| *after <= until)
+    };
+    if run > BURST {
+        let until = if is_command { LATEST } else { OUTLASTED };
+        return grown(SPACING, LATER_IN_BURSTS, until).collect();
+    }
+    let times = (ALL_LOST.ln() / share.min(0.9).ln()).ceil() as u32;
+    let soon = (1..times.min(MAX_TIMES)).map(|copy| SPACING * copy);
+    let late = grown(LATE, LATER, LATEST).filter(|_| is_command);
+    soon.chain(late).collect()
+}
+
 impl Repeater {
     /// Nothing waits, and the link is taken for good.
     pub fn new() -> Self {
@@ -105,31 +129,18 @@ impl Repeater {
                 self.forget(vehicle, &[command]);
             }
         }
-        let Loss { share, run } = self.loss;
-        if !is_awaited(frame) || share < LEAST_LOSS {
+        if !is_awaited(frame) || self.loss.share < LEAST_LOSS {
             return;
         }
-        let times = if run > BURST {
-            TIMES_IN_BURSTS
-        } else {
-            ((ALL_LOST.ln() / share.min(0.9).ln()).ceil() as u32).min(MAX_TIMES)
-        };
-        for copy in 1..times {
-            self.wait(now + SPACING * copy, frame);
+        let is_command = matches!(frame.message_id(), COMMAND_INT | COMMAND_LONG);
+        for after in copies(self.loss, is_command) {
+            self.wait(now + after, frame);
         }
-        match frame.message_id() {
-            COMMAND_INT | COMMAND_LONG => {
-                for after in LATE_MS {
-                    self.wait(now + Duration::from_millis(after), frame);
-                }
+        if frame.message_id() == COMMAND_ACK {
+            if self.answers.len() >= MAX_ANSWERS {
+                self.answers.pop_front();
             }
-            COMMAND_ACK => {
-                if self.answers.len() >= MAX_ANSWERS {
-                    self.answers.pop_front();
-                }
-                self.answers.push_back(frame.clone());
-            }
-            _ => {}
+            self.answers.push_back(frame.clone());
         }
     }
 

@@ -35,10 +35,35 @@ fn a_command_goes_as_often_as_the_loss_asks_for() {
         let frame = command(&mut encoder);
         repeater.sent(at(0), &frame);
         repeater.sent(at(0), &heartbeat(&mut encoder));
-        assert!(repeater.tick(at(4)).is_empty(), "not at once");
-        let sent: Vec<RawFrame> = (5..60).flat_map(|ms| repeater.tick(at(ms))).collect();
+        assert!(repeater.tick(at(1)).is_empty(), "not at once");
+        let sent: Vec<RawFrame> = (2..60).flat_map(|ms| repeater.tick(at(ms))).collect();
         assert_eq!(sent, vec![frame; copies], "at a loss of {loss}");
     }
+}
+
+#[test]
+fn where_losses_come_in_bursts_no_burst_delays_a_command_by_much_more_than_its_length() {
+    let bursts = Loss {
+        share: 0.2,
+        run: 10.0,
+    };
+    let times = copies(bursts, true);
+    for burst_ms in 0..800 {
+        let burst = Duration::from_millis(burst_ms);
+        let next = times.iter().find(|at| **at >= burst).expect("one goes on");
+        assert!(*next <= burst.mul_f64(1.2) + SPACING, "{next:?} {burst:?}");
+    }
+    let of_an_answer = copies(bursts, false);
+    assert_eq!(
+        of_an_answer,
+        times[..of_an_answer.len()],
+        "as long as it lasts"
+    );
+    assert!(
+        of_an_answer.len() >= 10 && times.len() <= 40,
+        "{}",
+        times.len()
+    );
 }
 
 #[test]
@@ -185,5 +210,5 @@ fn bursts_are_told_from_single_losses_and_a_command_is_spread_over_them() {
         (loss.share - 0.03).abs() < 0.01 && (loss.run - 9.0).abs() < 1.0,
         "{loss:?}"
     );
-    assert_eq!(copies[1..], [9; 9], "also long after a burst");
+    assert_eq!(copies[1..], [13; 9], "also long after a burst");
 }
