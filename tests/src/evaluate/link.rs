@@ -10,6 +10,7 @@
 //! - `bev_age_p99_ms`: how old 99 of 100 delivered BEV frames are at most, `bev_age_p50_ms` the median,
 //! - `command_p99_ms`: from a command to its acknowledgement, less twice the delay one way; left out of the figures where more
 //!   than one in a hundred is never answered, which `commands_answered` tells,
+//! - `command_bound_ms`: the same of commands that are sent over and over on an empty link ([`bound`]): no way to send can beat it,
 //! - `catch_up_s`: after 30 s in which nothing passes, until the tiles that changed meanwhile are there (five seconds' worth of
 //!   the link) and nothing waits,
 //! - `bytes_per_tile`: of frames sent in both directions for each tile delivered without BEV frames beside it; telemetry and commands count, too.
@@ -18,6 +19,7 @@
 //! MAVLink FTP, and [`blind`], that of MAVLink's picture transmission, make of the same bytes on the same link.
 
 mod blind;
+mod bound;
 mod resend;
 mod tandem;
 mod team;
@@ -79,13 +81,14 @@ impl Case {
 }
 
 /// The metrics, and whether more is worse.
-const METRICS: [(&str, bool); 9] = [
+const METRICS: [(&str, bool); 10] = [
     ("goodput_share", false),
     ("shared_goodput", false),
     ("bev_in_time", false),
     ("bev_age_p50_ms", true),
     ("bev_age_p99_ms", true),
     ("command_p99_ms", true),
+    ("command_bound_ms", true),
     ("commands_answered", false),
     ("catch_up_s", true),
     ("bytes_per_tile", true),
@@ -191,10 +194,12 @@ fn cells(seed: u64) -> Vec<Cell> {
 }
 
 fn measure(cell: &Cell) -> Rows {
+    let bounds = cell.cases.iter().map(bound::command_spans);
+    let bounds: Vec<f64> = bounds.map(|spans| percentile(&spans, 0.99)).collect();
     let of = |run: fn(&Case) -> Run| -> Vec<_> {
-        cell.cases
-            .iter()
-            .map(|case| metrics(case, &run(case)))
+        let bounded = cell.cases.iter().zip(&bounds);
+        bounded
+            .map(|(case, bound)| metrics(case, &run(case), *bound))
             .collect()
     };
     [
@@ -212,8 +217,8 @@ fn table_row(name: &str, method: &str, delay_ms: u64, row: &[f64]) -> Vec<String
         .collect()
 }
 
-/// The figures of one run, in the order of [`METRICS`].
-fn metrics(case: &Case, run: &Run) -> [f64; METRICS.len()] {
+/// The figures of one run, in the order of [`METRICS`]; no command can be answered sooner than `bound`, in seconds.
+fn metrics(case: &Case, run: &Run, bound: f64) -> [f64; METRICS.len()] {
     let room = case.rate() * (1.0 - case.loss) * team::SATURATED.as_secs_f64();
     let Run { shared, alone, .. } = run;
     let commands: Vec<Option<Duration>> = [&shared.commands[..], &alone.commands[..]].concat();
@@ -227,6 +232,7 @@ fn metrics(case: &Case, run: &Run) -> [f64; METRICS.len()] {
         age(0.5),
         age(0.99),
         percentile(&commands, 0.99) * 1e3 - 2e3 * case.profile.delay.as_secs_f64(),
+        bound * 1e3,
         answered as f64 / commands.len() as f64,
         (run.catch_up).map_or(f64::INFINITY, |span| span.as_secs_f64()),
         alone.wire_bytes as f64 / alone.tiles as f64,
