@@ -38,8 +38,10 @@ pub use sender::{OfferError, Sender, SenderEvent, SenderSettings, SenderStats};
 
 /// No object is larger.
 pub const MAX_OBJECT_BYTES: usize = 4 << 20;
-/// Bytes of a symbol.
+/// Bytes of a symbol at most; on slow links they are smaller.
 pub const SYMBOL_BYTES: usize = 248;
+/// Bytes of the frame around a symbol: what every message of MAVLink 2 has, and the fields of `TANDEM_SYMBOL` before the data.
+const SYMBOL_FRAME_BYTES: usize = 12 + 6;
 
 /// What kind of object it is, `TANDEM_STREAM` of the dialect.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]

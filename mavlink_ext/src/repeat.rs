@@ -36,7 +36,7 @@ const LATER_IN_BURSTS: f64 = 1.2;
 const LATE: Duration = Duration::from_millis(60);
 const LATER: f64 = 1.5;
 /// Then a command is repeated as MAVLink says.
-const LATEST: Duration = Duration::from_millis(1000);
+const LATEST: Duration = Duration::from_secs(1);
 /// Acknowledgements kept for copies of their commands.
 const MAX_ANSWERS: usize = 32;
 /// Copies that wait at most: far more than an operator's commands make.

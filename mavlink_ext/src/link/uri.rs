@@ -6,6 +6,7 @@ use std::str::FromStr;
 
 use super::LinkError;
 use crate::signing::Policy;
+use crate::wire::SIGNATURE_BYTES;
 
 /// Where a link leads, and whether its frames are signed.
 #[derive(Clone, Debug, PartialEq, Eq)]
@@ -58,6 +59,13 @@ impl LinkUri {
             | Way::TcpOut(place) => Some(place),
             Way::Serial { .. } => None,
         }
+    }
+}
+
+impl LinkUri {
+    /// By how much signing makes each frame longer.
+    pub fn signature_bytes(&self) -> u64 {
+        self.signing.as_ref().map_or(0, |_| SIGNATURE_BYTES as u64)
     }
 }
 

@@ -160,7 +160,7 @@ impl LinkEstimate {
     }
 
     /// How much larger the variance of losses is than if each symbol was lost for itself.
-    fn burstiness(&self) -> f64 {
+    pub(super) fn burstiness(&self) -> f64 {
         let (seen, expected) = self.spread;
         if expected < MIN_SPREAD {
             return 1.0;

@@ -28,31 +28,37 @@ fn block(size: usize, symbol_bytes: usize) -> ObjectTransmissionInformation {
 
 /// Makes symbols of an object. Source symbols cost nothing; the first repair symbol costs a solve.
 pub(super) struct Fountain {
+    symbol_bytes: usize,
     repair: Option<SourceBlockEncoder>,
 }
 
 impl Fountain {
-    pub(super) fn new() -> Self {
-        Self { repair: None }
+    /// Of symbols of an allowed size.
+    pub(super) fn new(symbol_bytes: usize) -> Self {
+        Self {
+            symbol_bytes,
+            repair: None,
+        }
     }
 
-    /// Symbol `id` of these bytes, which must be the same each time.
+    /// Symbol `id` of these bytes, which must be the same each time; zeros behind it.
     pub(super) fn symbol(&mut self, bytes: &[u8], id: u16) -> [u8; SYMBOL_BYTES] {
+        let symbol_bytes = self.symbol_bytes;
         let mut symbol = [0; SYMBOL_BYTES];
-        let start = id as usize * SYMBOL_BYTES;
+        let start = id as usize * symbol_bytes;
         if let Some(source) = bytes.get(start..).filter(|source| !source.is_empty()) {
-            let length = source.len().min(SYMBOL_BYTES);
+            let length = source.len().min(symbol_bytes);
             symbol[..length].copy_from_slice(&source[..length]);
             return symbol;
         }
         let repair = self.repair.get_or_insert_with(|| {
             let mut padded = bytes.to_vec();
-            padded.resize(bytes.len().next_multiple_of(SYMBOL_BYTES), 0);
-            SourceBlockEncoder::new(0, &block(bytes.len(), SYMBOL_BYTES), &padded)
+            padded.resize(bytes.len().next_multiple_of(symbol_bytes), 0);
+            SourceBlockEncoder::new(0, &block(bytes.len(), symbol_bytes), &padded)
         });
-        let first_repair = bytes.len().div_ceil(SYMBOL_BYTES) as u32;
+        let first_repair = bytes.len().div_ceil(symbol_bytes) as u32;
         for packet in repair.repair_packets(u32::from(id) - first_repair, 1) {
-            symbol.copy_from_slice(packet.data());
+            symbol[..symbol_bytes].copy_from_slice(packet.data());
         }
         symbol
     }
@@ -151,10 +157,11 @@ mod tests {
 
         #[test]
         fn any_symbols_a_few_more_than_needed_make_the_object(
-            bytes in prop::collection::vec(any::<u8>(), 1..20_000), first in 0u16..200, step in 1u16..5
+            bytes in prop::collection::vec(any::<u8>(), 1..20_000), first in 0u16..200, step in 1u16..5,
+            eighths in 8usize..=SYMBOL_BYTES / 8
         ) {
-            let mut fountain = Fountain::new();
-            let mut collector = Collector::new(bytes.len(), SYMBOL_BYTES).expect("allowed");
+            let mut fountain = Fountain::new(8 * eighths);
+            let mut collector = Collector::new(bytes.len(), 8 * eighths).expect("allowed");
             let enough = collector.missing() as u16 + 6;
             let made = (0..enough).find_map(|i| {
                 let id = first + i * step;

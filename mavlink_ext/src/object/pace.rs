@@ -18,6 +18,7 @@ use std::time::Duration;
 use maps::time::Stamp;
 
 use super::estimate::Echo;
+use super::{SYMBOL_BYTES, SYMBOL_FRAME_BYTES};
 
 /// The budget that may be saved up, as a span of time.
 const BURST: Duration = Duration::from_millis(30);
@@ -25,7 +26,10 @@ const BURST: Duration = Duration::from_millis(30);
 const TARGET: Duration = Duration::from_millis(12);
 /// The target on slow links, in frames.
 const TARGET_FRAMES: f64 = 1.0;
-const FRAME_BYTES: f64 = 266.0;
+/// On slow links symbols are small enough to take no longer than this: a command waits until the frame under way is over.
+const LONGEST_FRAME: Duration = Duration::from_millis(10);
+/// But not smaller: what surrounds a symbol takes 18 bytes.
+const LEAST_SYMBOL: usize = 96;
 /// The trend is taken over so long, or a round trip.
 const WINDOW: Duration = Duration::from_millis(300);
 /// Echoes kept for it.
@@ -49,8 +53,10 @@ const LITTLE: f64 = 0.85;
 const STUCK: Duration = Duration::from_secs(1);
 /// So many times the target cannot be jitter.
 const REAL: f64 = 4.0;
-/// If less than this share of what used to arrive arrives, buffers overflow.
+/// If less than this share of what used to arrive arrives, buffers overflow,
 const OVERFLOWING: f64 = 0.7;
+/// unless chance does that once in a thousand times: so many standard deviations.
+const CHANCE: f64 = 3.0;
 /// The share that is lost on the air is averaged over this time.
 const AIR_MEMORY_S: f64 = 3.0;
 /// The slowest pace, in bytes per second: a symbol every other second.
@@ -87,6 +93,8 @@ pub(super) struct Pacer {
     air_loss: f64,
     radio_full: Option<Stamp>,
     round_trip: Duration,
+    /// How much larger the variance of losses is than if each symbol was lost for itself.
+    burstiness: f64,
 }
 
 impl Pacer {
@@ -109,6 +117,7 @@ impl Pacer {
             air_loss: 0.0,
             radio_full: None,
             round_trip: Duration::ZERO,
+            burstiness: 1.0,
         }
     }
 
@@ -130,7 +139,15 @@ impl Pacer {
     }
 
     fn target(&self) -> f64 {
-        (TARGET_FRAMES * FRAME_BYTES / self.capacity).max(TARGET.as_secs_f64())
+        let frame = (self.symbol_bytes() + SYMBOL_FRAME_BYTES) as f64;
+        (TARGET_FRAMES * frame / self.capacity).max(TARGET.as_secs_f64())
+    }
+
+    /// How large symbols should be at present.
+    pub(super) fn symbol_bytes(&self) -> usize {
+        let frame = (self.capacity * LONGEST_FRAME.as_secs_f64()) as usize;
+        let symbol = frame.saturating_sub(SYMBOL_FRAME_BYTES) / 8 * 8;
+        symbol.clamp(LEAST_SYMBOL, SYMBOL_BYTES)
     }
 
     /// Time has passed: more may be sent.
@@ -148,8 +165,8 @@ impl Pacer {
     }
 
     /// Bytes are sent.
-    pub(super) fn spend(&mut self, bytes: usize) {
-        self.budget -= bytes as f64;
+    pub(super) fn spend(&mut self, bytes: f64) {
+        self.budget -= bytes;
     }
 
     /// There was more to send than allowed.
@@ -157,9 +174,15 @@ impl Pacer {
         self.limited = true;
     }
 
-    /// A symbol has arrived.
-    pub(super) fn echoed(&mut self, now: Stamp, echo: Echo, round_trip: Duration) {
-        self.round_trip = round_trip;
+    /// A symbol has arrived; how long round trips are, and how much larger the variance of losses is than if each symbol was
+    /// lost for itself.
+    pub(super) fn echoed(
+        &mut self,
+        now: Stamp,
+        echo: Echo,
+        (round_trip, burstiness): (Duration, f64),
+    ) {
+        (self.round_trip, self.burstiness) = (round_trip, burstiness);
         let since_last =
             (self.echoes.back()).map_or(Duration::ZERO, |last| echo.sent.at.since(last.sent.at));
         self.echoes.push_back(echo);
@@ -201,11 +224,14 @@ impl Pacer {
         // After an outage, nobody knows.
         let elapsed = since_last.min(WINDOW).as_secs_f64();
         let waits = self.wait.as_secs_f64() > self.target() / 2.0;
-        let arrived = self.arrived();
+        let (arrived, symbols) = self.arrived();
         if waits {
             self.has_waited = true;
             if let Some((sent, trend)) = self.trend() {
-                self.follow(now, (sent, trend, arrived), elapsed);
+                let passed = arrived / (1.0 - self.air_loss);
+                let overflows = passed < OVERFLOWING.min(1.0 - CHANCE * self.deviation(symbols));
+                let gets_through = if overflows { passed } else { 1.0 };
+                self.follow(now, (sent, trend, gets_through), elapsed);
             }
             if self.limited && self.wait.as_secs_f64() < 2.0 * self.target() {
                 // It may be jitter: if it is a queue, the trend will tell.
@@ -233,10 +259,9 @@ impl Pacer {
     }
 
     /// Something waits: what is sent, how the wait changes, and what arrives tells what the link carries.
-    fn follow(&mut self, now: Stamp, (sent, trend, arrived): (f64, f64, f64), elapsed: f64) {
+    fn follow(&mut self, now: Stamp, (sent, trend, passed): (f64, f64, f64), elapsed: f64) {
         let weight = (elapsed / WINDOW.as_secs_f64()).min(1.0);
-        let passed = arrived / (1.0 - self.air_loss);
-        if passed < OVERFLOWING {
+        if passed < 1.0 {
             // The buffer is full, the wait cannot grow any more: what arrives is what the link carries.
             self.stuck_since = None;
             self.capacity += (sent * passed - self.capacity) * weight;
@@ -270,17 +295,28 @@ impl Pacer {
         }
     }
 
-    /// Which share of the symbols sent lately has arrived.
-    fn arrived(&self) -> f64 {
+    /// Which share of the symbols sent lately has arrived, and how many that were.
+    fn arrived(&self) -> (f64, u64) {
         let (Some(first), Some(last)) = (self.echoes.front(), self.echoes.back()) else {
-            return 1.0;
+            return (1.0, 0);
         };
         let sent = last.sent.symbols - first.sent.symbols;
         let received = last.received.wrapping_sub(first.received);
-        if sent == 0 {
-            return 1.0;
-        }
-        (f64::from(received) / sent as f64).clamp(0.05, 1.0)
+        let share = f64::from(received) / sent.max(1) as f64;
+        (
+            if sent == 0 {
+                1.0
+            } else {
+                share.clamp(0.05, 1.0)
+            },
+            sent,
+        )
+    }
+
+    /// By how much the share of so many symbols that arrives differs by chance, relative to what arrives on average.
+    fn deviation(&self, symbols: u64) -> f64 {
+        let odds = self.air_loss / (1.0 - self.air_loss);
+        (odds * self.burstiness / symbols.max(1) as f64).sqrt()
     }
 
     /// Bytes sent per second lately, and by how much the wait grows meanwhile; `None` if too little was seen.

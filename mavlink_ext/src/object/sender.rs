@@ -46,7 +46,8 @@ const MAX_LATEST: usize = 16;
 /// How much may be sent and kept.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct SenderSettings {
-    /// Budget of the link for objects, in bytes of MAVLink frames per second. Less is sent where the link carries less.
+    /// Budget of the link, in bytes of MAVLink frames per second: objects get what everything else leaves of it, see
+    /// [`Sender::link_has_sent`]. Less is sent where the link carries less.
     pub bytes_per_second: u32,
     /// Objects that wait may fill so much memory.
     pub max_queued_bytes: usize,
@@ -166,6 +167,8 @@ pub struct Sender {
     last_idle: Stamp,
     /// Bytes of reliable objects that the receiver can hold.
     room: usize,
+    /// Bytes that went over the link beside ours.
+    others: u64,
     counts: SenderStats,
 }
 
@@ -189,6 +192,7 @@ impl Sender {
             pacer: Pacer::new(now, settings.bytes_per_second),
             last_idle: now,
             room: MOST_WINDOW,
+            others: 0,
             counts: SenderStats::default(),
         }
     }
@@ -254,7 +258,8 @@ impl Sender {
             self.active.iter_mut().for_each(Transfer::ask);
         }
         if let Some(echo) = self.link.reported(now, report) {
-            self.pacer.echoed(now, echo, self.link.round_trip());
+            let link = (self.link.round_trip(), self.link.burstiness());
+            self.pacer.echoed(now, echo, link);
         }
         self.room = report.room as usize + self.under_way();
         let is_busy = self.is_busy(now);
@@ -352,6 +357,13 @@ impl Sender {
         })
     }
 
+    /// So many bytes more have left by the link that are not ours: telemetry, commands, signatures. They come first, and
+    /// count against the budget.
+    pub fn link_has_sent(&mut self, bytes: u64) {
+        self.others += bytes;
+        self.pacer.spend(bytes as f64);
+    }
+
     /// Lets time pass: sends what the budget allows. Wants to be called every 10 to 20 ms.
     pub fn tick(&mut self, now: Stamp) -> Step<SenderEvent> {
         self.pacer.refill(now);
@@ -372,12 +384,13 @@ impl Sender {
                 wire_bytes,
                 symbol,
             } = transfer.next_message(now, &self.link);
-            self.pacer.spend(wire_bytes);
+            self.pacer.spend(wire_bytes as f64);
             self.counts.wire_bytes += wire_bytes as u64;
             if let Some(symbol) = symbol {
                 self.counts.symbols_sent += 1;
                 let name = (transfer.number(), symbol);
-                self.link.symbol_sent(now, name, self.counts.wire_bytes);
+                let bytes = self.counts.wire_bytes + self.others;
+                self.link.symbol_sent(now, name, bytes);
             }
             if transfer.is_sent_for_good() {
                 self.active.remove(place);
@@ -438,7 +451,9 @@ impl Sender {
                 link: &self.link,
                 is_busy: self.is_busy(now),
             };
-            let begun = Transfer::new(now, (self.ends.peer, number), waiting, conditions);
+            let to = (self.ends.peer, number);
+            let symbol_bytes = self.pacer.symbol_bytes();
+            let begun = Transfer::new(now, to, waiting, symbol_bytes, conditions);
             self.active.push(begun);
         }
     }

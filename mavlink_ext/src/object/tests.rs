@@ -191,6 +191,45 @@ fn the_budget_is_kept() {
 }
 
 #[test]
+fn what_else_the_link_carries_counts_against_the_budget() {
+    let settings = SenderSettings {
+        bytes_per_second: 50_000,
+        ..SenderSettings::default()
+    };
+    let mut room = Room::with(&perfect(), 1, settings);
+    room.offer(1, 1, content(2_000_000, 1));
+    room.run(Duration::from_secs(5));
+    let before = room.sender.stats(room.now).wire_bytes;
+    for _ in 0..1000 {
+        room.sender.link_has_sent(300); // 30 kB/s
+        room.run(TICK);
+    }
+    let sent = room.sender.stats(room.now).wire_bytes - before;
+    assert!((180_000..=202_000).contains(&sent), "{sent} in 10 s");
+}
+
+#[test]
+fn on_a_slow_link_no_frame_keeps_a_command_waiting_for_long() {
+    let slow = SenderSettings {
+        bytes_per_second: 14_400,
+        ..SenderSettings::default()
+    };
+    let mut room = Room::with(&Profile::of_rate(115_200.0, Duration::ZERO), 1, slow);
+    room.offer(1, 1, content(30_000, 1));
+    room.run_until_idle(Duration::from_secs(10));
+    room.offer(2, 1, content(30_000, 2));
+    let before = room.sender.stats(room.now);
+    room.run_until_idle(Duration::from_secs(10));
+    let after = room.sender.stats(room.now);
+    let frame = (after.wire_bytes - before.wire_bytes) / (after.symbols_sent - before.symbols_sent);
+    assert!(frame <= 144, "{frame} bytes take more than 10 ms");
+    // A large object has too many small symbols.
+    room.offer(3, 1, content(MAX_OBJECT_BYTES, 3));
+    room.run(Duration::from_secs(10));
+    assert!(room.sender.stats(room.now).symbols_sent > after.symbols_sent);
+}
+
+#[test]
 fn a_receiver_that_starts_late_gets_everything_and_little_is_sent_before() {
     let mut room = Room::new(&losing(0.1), 5);
     room.receiving = false;

@@ -20,6 +20,9 @@ struct Pipe {
     random: Pcg64,
     /// What there is to send, in bytes per second.
     offered: f64,
+    /// The share that is lost on the way, in bursts of ten.
+    loss: f64,
+    in_burst: bool,
     under_way: VecDeque<(Stamp, Echo)>,
 }
 
@@ -36,8 +39,24 @@ impl Pipe {
             jitter: Duration::ZERO,
             random: Pcg64::seed_from_u64(5),
             offered: f64::INFINITY,
+            loss: 0.0,
+            in_burst: false,
             under_way: VecDeque::new(),
         }
+    }
+
+    fn loses(&mut self) -> bool {
+        let changes = if self.in_burst {
+            0.1
+        } else {
+            0.1 * self.loss / (1.0 - self.loss)
+        };
+        self.in_burst ^= self.random.random_bool(changes);
+        self.in_burst
+    }
+
+    fn burstiness(&self) -> f64 {
+        if self.loss > 0.0 { 10.0 } else { 1.0 }
     }
 
     /// Always has something to send. The mean rate that gets through, and the longest wait, in seconds.
@@ -54,12 +73,15 @@ impl Pipe {
             left += self.offered * STEP.as_secs_f64();
             while self.pacer.allows() && left > 0.0 {
                 left -= 266.0;
-                self.pacer.spend(266);
+                self.pacer.spend(266.0);
                 self.sent += 266;
                 if self.queue + 266.0 > (self.carries / 2.0).max(600.0) {
                     continue; // The buffer is full.
                 }
                 self.queue += 266.0;
+                if self.loses() {
+                    continue;
+                }
                 self.received += 1;
                 taken = Some(Sent {
                     at: self.now,
@@ -87,7 +109,8 @@ impl Pipe {
                 && arrives <= self.now
             {
                 self.under_way.pop_front();
-                self.pacer.echoed(self.now, echo, echo.round_trip);
+                self.pacer
+                    .echoed(self.now, echo, (echo.round_trip, self.burstiness()));
             }
         }
         (carried / seconds as f64, longest)
@@ -115,6 +138,29 @@ fn a_budget_far_above_the_link_is_corrected() {
     pipe.run(15);
     let (carried, longest) = pipe.run(60);
     assert!(carried > 0.95 * 125_000.0, "{carried}");
+    assert!(longest < 0.1, "{longest}");
+}
+
+#[test]
+fn bursts_of_losses_are_not_taken_for_a_full_buffer() {
+    for delay_ms in [0, 200, 400] {
+        let mut pipe = Pipe::new(125_000, 125_000.0, delay_ms);
+        pipe.loss = 0.3;
+        pipe.run(10);
+        let (carried, longest) = pipe.run(60);
+        assert!(carried > 0.95 * 125_000.0, "{carried} at {delay_ms} ms");
+        assert!(longest < 0.1, "{longest} at {delay_ms} ms");
+    }
+}
+
+#[test]
+fn a_full_buffer_is_noticed_while_losses_come_in_bursts() {
+    let mut pipe = Pipe::new(2_000_000, 1.25e6, 100);
+    pipe.loss = 0.2;
+    pipe.run(10);
+    pipe.carries = 300_000.0;
+    pipe.run(5);
+    let (_, longest) = pipe.run(20);
     assert!(longest < 0.1, "{longest}");
 }
 

@@ -9,13 +9,12 @@ use super::Waiting;
 use crate::dialect::Message;
 use crate::dialect::tandem::{TANDEM_OBJECT_DATA, TANDEM_SYMBOL_DATA};
 use crate::object::estimate::LinkEstimate;
-use crate::object::fountain::Fountain;
-use crate::object::{Object, SYMBOL_BYTES, Service, TransferState};
+use crate::object::fountain::{Fountain, source_symbols};
+use crate::object::{Object, SYMBOL_BYTES, SYMBOL_FRAME_BYTES, Service, TransferState};
 use crate::wire::Address;
 
-/// Bytes of the frame of an announcement, and of one of a symbol without the symbol.
+/// Bytes of the frame of an announcement.
 const OBJECT_FRAME_BYTES: usize = 12 + 37;
-const SYMBOL_FRAME_BYTES: usize = 12 + 6;
 /// Symbols from one announcement to the next, as long as none is answered: it may have been lost.
 const SYMBOLS_PER_ANNOUNCEMENT: u32 = 32;
 /// Silence after the last symbol before the receiver is asked by another announcement.
@@ -71,6 +70,7 @@ pub(super) struct Transfer {
     object: Arc<Object>,
     offered: Stamp,
     hash: u32,
+    symbol_bytes: usize,
     source_symbols: u32,
     fountain: Fountain,
     next_symbol: u16,
@@ -90,20 +90,30 @@ pub(super) struct Transfer {
 }
 
 impl Transfer {
+    /// The number `number` to `to`, in symbols of so many bytes.
     pub(super) fn new(
         now: Stamp,
         (to, number): (Address, u32),
         Waiting { object, offered }: Waiting,
+        symbol_bytes: usize,
         conditions: Conditions<'_>,
     ) -> Self {
+        let size = object.bytes.len();
+        // A large object may have too many small symbols.
+        let symbol_bytes = if source_symbols(size, symbol_bytes).is_some() {
+            symbol_bytes
+        } else {
+            SYMBOL_BYTES
+        };
         let mut transfer = Self {
             to,
             number,
             hash: crc32c::crc32c(&object.bytes),
-            source_symbols: object.bytes.len().div_ceil(SYMBOL_BYTES) as u32,
+            symbol_bytes,
+            source_symbols: size.div_ceil(symbol_bytes) as u32,
             object,
             offered,
-            fountain: Fountain::new(),
+            fountain: Fountain::new(symbol_bytes),
             next_symbol: 0,
             to_send: 0,
             last_symbol: Stamp::ZERO,
@@ -230,7 +240,7 @@ impl Transfer {
             target_component: self.to.component.0,
             stream: self.object.id.stream.0,
             service: self.object.service.to_wire(),
-            symbol_size: SYMBOL_BYTES as u8,
+            symbol_size: self.symbol_bytes as u8,
         });
         Outgoing {
             message,

@@ -43,6 +43,10 @@ impl Transport for Tandem {
         true
     }
 
+    fn link_has_sent(&mut self, bytes: u64) {
+        self.sender.link_has_sent(bytes);
+    }
+
     fn tick_uav(&mut self, now: Stamp) -> Vec<Message> {
         self.sender.tick(now).send
     }

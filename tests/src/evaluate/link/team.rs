@@ -21,8 +21,8 @@ pub(super) const GROUND: Address = Address::new(255, 190);
 
 /// Simulated time goes on by this.
 const STEP: Duration = Duration::from_millis(1);
-/// How often both ends let time pass.
-const TICK_MS: u64 = 10;
+/// How often both ends let time pass: as often as `companion` does.
+const TICK_MS: u64 = 5;
 const SETTLING: Duration = Duration::from_secs(5);
 pub(super) const SATURATED: Duration = Duration::from_secs(40);
 const OUTAGE: Duration = Duration::from_secs(30);
@@ -48,6 +48,8 @@ pub(super) trait Transport {
     fn repeats_commands(&self) -> bool {
         false
     }
+    /// So many bytes more have left the UAV that are not the transport's.
+    fn link_has_sent(&mut self, _bytes: u64) {}
     /// What the UAV sends when time passes.
     fn tick_uav(&mut self, now: Stamp) -> Vec<Message>;
     /// What it answers.
@@ -123,6 +125,9 @@ struct Team<'a, T> {
     pending: usize,
     next_key: u64,
     sends_bev: bool,
+    /// Bytes that the UAV has sent: the transport's, and others that it knows of.
+    object_bytes: u64,
+    other_bytes: u64,
     measured: Measured,
 }
 
@@ -145,6 +150,8 @@ impl<'a, T: Transport> Team<'a, T> {
             pending: 0,
             next_key: 0,
             sends_bev: true,
+            object_bytes: 0,
+            other_bytes: 0,
             measured: Measured::default(),
         }
     }
@@ -263,8 +270,9 @@ impl<'a, T: Transport> Team<'a, T> {
             self.command();
         }
         if self.step.is_multiple_of(TICK_MS) {
+            self.count_others();
             let messages = self.transport.tick_uav(now);
-            self.send_there(messages);
+            self.send_objects(messages);
             let messages = self.transport.tick_ground(now);
             self.send_back(messages);
             let again = self.commands.tick(now);
@@ -310,7 +318,7 @@ impl<'a, T: Transport> Team<'a, T> {
             self.send_there([command.ack(MavResult::MAV_RESULT_ACCEPTED)]);
         }
         let answers = self.transport.at_uav(self.now, &message);
-        self.send_there(answers);
+        self.send_objects(answers);
     }
 
     fn at_ground(&mut self, frame: &RawFrame) {
@@ -337,6 +345,19 @@ impl<'a, T: Transport> Team<'a, T> {
                 self.measured.tile_bytes += bytes as u64;
             }
         }
+    }
+
+    /// Tells the transport of what else the UAV has sent.
+    fn count_others(&mut self) {
+        let others = self.uav.channel.stats().sent_bytes - self.object_bytes;
+        self.transport.link_has_sent(others - self.other_bytes);
+        self.other_bytes = others;
+    }
+
+    fn send_objects(&mut self, messages: Vec<Message>) {
+        let before = self.uav.channel.stats().sent_bytes;
+        self.send_there(messages);
+        self.object_bytes += self.uav.channel.stats().sent_bytes - before;
     }
 
     fn send_there(&mut self, messages: impl IntoIterator<Item = Message>) {
