@@ -205,8 +205,8 @@ pub struct LinksTable {
     pub autopilot: String,
     /// The ground station: the companion's own radio, not one behind the autopilot.
     pub ground: String,
-    /// How much of the ground link the map may take.
-    pub map_bytes_per_s: u32,
+    /// What may be sent on the ground link: the map gets what everything else leaves of it.
+    pub ground_bytes_per_s: u32,
 }
 
 /// `[origin]`: where the world's origin is on earth (WGS-84).
@@ -294,7 +294,7 @@ impl Default for LinksTable {
         Self {
             autopilot: "udpin:127.0.0.1:14561".into(),
             ground: "udpout:127.0.0.1:14550".into(),
-            map_bytes_per_s: 500_000,
+            ground_bytes_per_s: 500_000,
         }
     }
 }

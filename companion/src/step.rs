@@ -14,6 +14,7 @@ use maps::time::Stamp;
 use mavlink_ext::convert::odometry_message;
 use mavlink_ext::dialect::tandem::MavSeverity;
 use mavlink_ext::dialect::{MessageExt as _, TANDEM_IDS, cmd};
+use mavlink_ext::link::LinkUri;
 use mavlink_ext::presence::{Presence, PresenceEvent, companion_heartbeat};
 use mavlink_ext::repeat::{Loss, Reception, Repeater};
 use mavlink_ext::router::{LinkId as RouteId, LinkKind, Router};
@@ -53,6 +54,9 @@ pub struct Companion {
     /// Whether the last frame from there was a copy.
     ground_copied: bool,
     repeater: Repeater,
+    /// What signing adds to each frame there, and the bytes that left beside those of the map's objects since the last tick.
+    ground_signature_bytes: u64,
+    beside_map_bytes: u64,
     speaker: Speaker,
     presence: Presence,
     timesync: Timesync,
@@ -125,6 +129,8 @@ impl Companion {
             ground_loss: Loss::default(),
             ground_copied: false,
             repeater: Repeater::new(),
+            ground_signature_bytes: settings.ground.as_ref().map_or(0, LinkUri::signature_bytes),
+            beside_map_bytes: 0,
             speaker: Speaker::new(),
             presence: Presence::new(own, companion_heartbeat()),
             timesync: Timesync::new(Ends {
@@ -132,7 +138,7 @@ impl Companion {
                 peer: autopilot,
             }),
             commands: command::Client::new(own),
-            map_link: MapLink::new(own, session, settings.map_bytes_per_s),
+            map_link: MapLink::new(own, session, settings.ground_bytes_per_s),
             origin: Origin::new(settings.origin),
             origin_missed: false,
             odometry: VehicleOdometry::new(settings.body_from_camera),
@@ -152,6 +158,18 @@ impl Companion {
 
     /// What to do about `event`, which happened at `now`.
     pub fn step(&mut self, now: Stamp, event: Event, mut act: impl FnMut(Action)) {
+        if matches!(event, Event::Tick) {
+            let beside = std::mem::take(&mut self.beside_map_bytes);
+            self.map_link.ground_link_has_sent(beside);
+        }
+        let signature_bytes = self.ground_signature_bytes;
+        let mut sent_bytes = 0;
+        let mut act = |action| {
+            if let Action::Send(LinkId::Ground, frame) = &action {
+                sent_bytes += frame.bytes().len() as u64 + signature_bytes;
+            }
+            act(action);
+        };
         for copy in self.repeater.tick(now) {
             act(Action::Send(LinkId::Ground, copy));
         }
@@ -172,6 +190,7 @@ impl Companion {
             repeater.heard(now, &frame, self.ground_copied);
         }
         self.repeater = repeater;
+        self.beside_map_bytes += sent_bytes.saturating_sub(self.map_link.take_object_bytes());
     }
 
     fn react(&mut self, now: Stamp, event: Event, act: &mut dyn FnMut(Action)) {

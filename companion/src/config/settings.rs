@@ -33,8 +33,8 @@ pub struct Settings {
     pub autopilot: Option<LinkUri>,
     /// The ground station's link.
     pub ground: Option<LinkUri>,
-    /// How much of the ground link the map may take.
-    pub map_bytes_per_s: u32,
+    /// What may be sent on the ground link: the map gets what everything else leaves of it.
+    pub ground_bytes_per_s: u32,
     /// Where the world's origin is; the autopilot is asked if the configuration does not say.
     pub origin: Option<Geodetic>,
     /// Folder for what is written.
@@ -109,9 +109,9 @@ impl Config {
             "a TUM folder or an MCAP file; --source gives one for this run",
         );
         faults.ensure(
-            links.map_bytes_per_s >= 1000,
-            "links.map_bytes_per_s",
-            &links.map_bytes_per_s,
+            links.ground_bytes_per_s >= 1000,
+            "links.ground_bytes_per_s",
+            &links.ground_bytes_per_s,
             "at least 1000 bytes/s",
         );
         Settings {
@@ -124,7 +124,7 @@ impl Config {
             mapping: slam.check(map, faults),
             autopilot: faults.link("links.autopilot", &links.autopilot),
             ground: faults.link("links.ground", &links.ground),
-            map_bytes_per_s: links.map_bytes_per_s,
+            ground_bytes_per_s: links.ground_bytes_per_s,
             origin: self.origin.as_ref().map(|origin| origin.check(faults)),
             out: self.output.dir.clone(),
         }

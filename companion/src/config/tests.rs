@@ -65,7 +65,10 @@ fn a_value_that_makes_no_sense_is_refused_with_its_key_and_what_it_should_be() {
         "links.ground = \"tcp:a\"",
         &["links.ground", "udpout:HOST:PORT"],
     );
-    check_refused("links.map_bytes_per_s = 5", &["links.map_bytes_per_s"]);
+    check_refused(
+        "links.ground_bytes_per_s = 5",
+        &["links.ground_bytes_per_s"],
+    );
     check_refused(
         "source.depth_factor = 0.0",
         &["source.depth_factor", "5000"],

@@ -40,6 +40,8 @@ pub(super) struct MapLink {
     offered: u64,
     /// Versions replaced by newer ones at former ground stations before they were sent.
     replaced: u64,
+    /// Of frames with parts of objects since they were asked for.
+    object_bytes: u64,
     delays: Histogram,
 }
 
@@ -63,6 +65,7 @@ impl MapLink {
             station: None,
             offered: 0,
             replaced: 0,
+            object_bytes: 0,
             delays: Histogram::default(),
         }
     }
@@ -128,9 +131,23 @@ impl MapLink {
         self.hand_over(now);
         let mut send = std::mem::take(&mut self.answers);
         if let Some(station) = &mut self.station {
+            let before = station.sender.stats(now).wire_bytes;
             send.extend(station.sender.tick(now).send);
+            self.object_bytes += station.sender.stats(now).wire_bytes - before;
         }
         send
+    }
+
+    /// So many bytes more have left on the ground link beside objects: they count against its budget.
+    pub(super) fn ground_link_has_sent(&mut self, bytes: u64) {
+        if let Some(station) = &mut self.station {
+            station.sender.link_has_sent(bytes);
+        }
+    }
+
+    /// Bytes of objects' frames that [`Self::tick`] gave since the last call.
+    pub(super) fn take_object_bytes(&mut self) -> u64 {
+        std::mem::take(&mut self.object_bytes)
     }
 
     /// Versions of tiles that were sent, or wait to be: those offered less those replaced by newer ones before.

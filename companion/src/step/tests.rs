@@ -176,7 +176,7 @@ fn frames_are_forwarded_between_the_links_as_they_are() {
 
 #[test]
 fn nothing_of_tandems_dialect_reaches_the_autopilot() {
-    let mut bench = Bench::new(|config| config.links.map_bytes_per_s = 1_000_000);
+    let mut bench = Bench::new(|config| config.links.ground_bytes_per_s = 1_000_000);
     bench.hear_autopilot(0, &autopilot_heartbeat());
     bench.hear_station(0, &station_heartbeat());
     let origin = Message::TANDEM_ORIGIN(TANDEM_ORIGIN_DATA::default());
