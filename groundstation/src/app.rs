@@ -98,7 +98,7 @@ impl App {
         let mut app = Self {
             clock,
             station: Station::new(Model::new(config, source, epoch)),
-            net: Net::new(clock),
+            net: Net::new(clock).context("cannot start the thread of copies")?,
             recorder: options
                 .record
                 .as_deref()
@@ -243,6 +243,9 @@ impl App {
     }
 
     fn take_frames(&mut self, patience: Duration) {
+        for (at, copy) in self.net.take_copies() {
+            self.record(at, &copy);
+        }
         let mut patience = patience;
         for _ in 0..FRAMES_AT_ONCE {
             let Some(received) = self.net.next(patience) else {
@@ -288,6 +291,7 @@ impl App {
                 }
                 self.record(self.clock.now(), &frame);
             }
+            Action::Forget { vehicle, commands } => self.net.forget(vehicle, &commands),
             Action::Open(uri) => self.open(&uri),
             Action::Plan(job) => {
                 if let Err(refused) = self.planner.submit(job) {

@@ -2,7 +2,10 @@
 //!
 //! Each link has its own reader thread and puts what it hears into one bounded channel; when that is full, frames are
 //! dropped and counted, since telemetry repeats itself and tiles are resent. The recording has a thread of its own that
-//! loses nothing: its channel blocks.
+//! loses nothing: its channel blocks. Copies of commands have one, too, since they go out every few milliseconds.
+
+mod copier;
+mod copies;
 
 use std::fs::File;
 use std::io::{self, BufWriter};
@@ -14,11 +17,12 @@ use std::thread::{Builder, JoinHandle};
 use std::time::Duration;
 
 use maps::time::Stamp;
-use mavlink_ext::RawFrame;
 use mavlink_ext::link::{Link, LinkError, LinkStats};
 use mavlink_ext::tlog::TlogWriter;
+use mavlink_ext::{Address, RawFrame};
 
 use crate::clock::Clock;
+use copier::Copier;
 
 /// Frames that may wait to be handled.
 const WAITING_FRAMES: usize = 8192;
@@ -40,7 +44,8 @@ pub struct Received {
 #[derive(Debug)]
 pub struct Net {
     clock: Clock,
-    links: Vec<Option<Link>>,
+    links: Vec<Option<Arc<Link>>>,
+    copier: Copier,
     sender: SyncSender<Received>,
     receiver: Receiver<Received>,
     dropped: Arc<AtomicU64>,
@@ -48,41 +53,41 @@ pub struct Net {
 
 impl Net {
     /// No link yet.
-    pub fn new(clock: Clock) -> Self {
+    pub fn new(clock: Clock) -> io::Result<Self> {
         let (sender, receiver) = sync_channel(WAITING_FRAMES);
-        Self {
+        Ok(Self {
             clock,
             links: Vec::new(),
+            copier: Copier::start(clock)?,
             sender,
             receiver,
             dropped: Arc::default(),
-        }
+        })
     }
 
     /// Opens the next link. One that cannot be opened keeps its number.
     pub fn open(&mut self, uri: &str) -> Result<(), LinkError> {
         let (link, clock) = (self.links.len(), self.clock);
         let (sender, dropped) = (self.sender.clone(), Arc::clone(&self.dropped));
+        let copies = self.copier.shared();
         let opened = Link::open(uri, move |frame| {
             let received = Received {
                 link,
                 at: clock.now(),
                 frame,
             };
+            copies.heard(received.at, link, &received.frame);
             if let Err(TrySendError::Full(_)) = sender.try_send(received) {
                 dropped.fetch_add(1, Ordering::Relaxed);
             }
         });
-        match opened {
-            Ok(opened) => {
-                self.links.push(Some(opened));
-                Ok(())
-            }
-            Err(error) => {
-                self.links.push(None);
-                Err(error)
-            }
-        }
+        let (opened, result) = match opened {
+            Ok(opened) => (Some(Arc::new(opened)), Ok(())),
+            Err(error) => (None, Err(error)),
+        };
+        self.copier.add(opened.clone());
+        self.links.push(opened);
+        result
     }
 
     /// The next frame that has come in; waits for one at most `patience`.
@@ -93,7 +98,7 @@ impl Net {
         self.receiver.recv_timeout(patience).ok()
     }
 
-    /// Sends on one link, or on all.
+    /// Sends on one link, or on all; commands several times where the link loses frames, see [`mavlink_ext::repeat`].
     pub fn send(&self, link: Option<usize>, frame: &RawFrame) -> Result<(), LinkError> {
         let chosen = self
             .links
@@ -103,7 +108,18 @@ impl Net {
         for link in chosen.filter_map(|(_, link)| link.as_ref()) {
             link.send(frame)?;
         }
+        self.copier.sent(link, frame);
         Ok(())
+    }
+
+    /// These commands are not wanted any more at this vehicle: no copy of them is sent.
+    pub fn forget(&self, vehicle: Address, commands: &[u16]) {
+        self.copier.forget(vehicle, commands);
+    }
+
+    /// Copies that were sent since the last call, and when.
+    pub fn take_copies(&self) -> Vec<(Stamp, RawFrame)> {
+        self.copier.take_sent()
     }
 
     /// What has gone over each link, and what is wrong with it; `None` of one that could not be opened.

@@ -8,7 +8,6 @@
 
 mod alerts;
 mod companions;
-mod copies;
 mod orders;
 mod planning;
 mod telemetry;
@@ -23,6 +22,7 @@ use mavlink_ext::dialect::tandem::{HEARTBEAT_DATA, MavAutopilot, MavModeFlag, Ma
 use mavlink_ext::link::LinkStats;
 use mavlink_ext::object::digest::Asker;
 use mavlink_ext::object::{Receiver, ReceiverLimits};
+use mavlink_ext::repeat::Duplicates;
 use mavlink_ext::statustext::Listener;
 use mavlink_ext::{Address, ComponentId, Encoder, Message, RawFrame, SystemId};
 
@@ -80,6 +80,13 @@ pub enum Action {
         /// What.
         frame: RawFrame,
     },
+    /// These commands are not wanted any more at this vehicle: no copy of them is to be sent.
+    Forget {
+        /// Which vehicle's autopilot.
+        vehicle: Address,
+        /// Their numbers.
+        commands: Vec<u16>,
+    },
     /// Open a link.
     Open(String),
     /// Let the planner work.
@@ -91,11 +98,14 @@ pub struct Station {
     model: Model,
     own: Address,
     encoder: Encoder,
-    copies: copies::Copies,
+    /// Recognises what came over two links, and copies.
+    duplicates: Duplicates,
     texts: Listener,
     heartbeat_at: Option<Stamp>,
     rates_at: Stamp,
     conversations: orders::Conversations,
+    /// Commands that a newer one has made void, by vehicle.
+    void: Vec<(Address, Vec<u16>)>,
     transfers: BTreeMap<SystemId, transfers::Conversation>,
     receiver: Receiver,
     /// Asks companions for what the map lacks.
@@ -127,11 +137,12 @@ impl Station {
             model,
             own,
             encoder: Encoder::new(own),
-            copies: copies::Copies::default(),
+            duplicates: Duplicates::new(),
             texts: Listener::new(),
             heartbeat_at: None,
             rates_at: Stamp::ZERO,
             conversations: orders::Conversations::default(),
+            void: Vec::new(),
             transfers: BTreeMap::new(),
             receiver: Receiver::new(own, session, ReceiverLimits::default()),
             asker: Asker::new(own, session),
@@ -186,15 +197,14 @@ impl Station {
         if self.model.source == Source::Replay {
             return;
         }
-        for (link, frame) in self.copies.due(now) {
-            act(Action::Send { link, frame });
+        for (vehicle, commands) in self.void.drain(..) {
+            act(Action::Forget { vehicle, commands });
         }
         for message in outbox {
             let frame = self.encoder.encode(&message);
             let link = frame
                 .target()
                 .and_then(|target| self.link_to(target.system));
-            self.copies.sent(now, link, &frame);
             act(Action::Send { link, frame });
         }
     }
@@ -217,7 +227,7 @@ impl Station {
         if from == self.own {
             return;
         }
-        if !self.copies.is_new(now, link, frame) {
+        if !self.duplicates.is_new(now, frame) {
             return;
         }
         // A message with a value that this program does not know is none of its business.

@@ -7,7 +7,7 @@ use mavlink_ext::dialect::TANDEM_IDS;
 use mavlink_ext::repeat::{Duplicates, Reception, Repeater};
 use mavlink_ext::{Address, RawFrame, SystemId};
 
-#[derive(Default)]
+#[derive(Debug, Default)]
 struct Lane {
     reception: Reception,
     /// Vehicles with a companion, which drops the copies that it is sent; an autopilot would obey each of them.
@@ -15,16 +15,16 @@ struct Lane {
     repeater: Repeater,
 }
 
-/// Of all links. A frame that came over two of them is taken once.
-#[derive(Default)]
+/// Of all links.
+#[derive(Debug, Default)]
 pub(super) struct Copies {
     duplicates: Duplicates,
     lanes: BTreeMap<usize, Lane>,
 }
 
 impl Copies {
-    /// Whether a frame that came is heard for the first time.
-    pub(super) fn is_new(&mut self, now: Stamp, link: usize, frame: &RawFrame) -> bool {
+    /// A frame came on a link.
+    pub(super) fn heard(&mut self, now: Stamp, link: usize, frame: &RawFrame) {
         let lane = self.lanes.entry(link).or_default();
         lane.reception.heard(frame);
         if TANDEM_IDS.contains(&frame.message_id()) {
@@ -32,9 +32,8 @@ impl Copies {
         }
         lane.repeater
             .set_loss(lane.reception.loss().unwrap_or_default());
-        let is_new = self.duplicates.is_new(now, frame);
-        lane.repeater.heard(now, frame, !is_new);
-        is_new
+        let is_copy = !self.duplicates.is_new(now, frame);
+        lane.repeater.heard(now, frame, is_copy);
     }
 
     /// A frame is sent on a link. What is sent on all links, or to all, has no copies.
@@ -55,13 +54,20 @@ impl Copies {
     }
 
     /// Copies whose time has come, and their links.
-    pub(super) fn due(&mut self, now: Stamp) -> Vec<(Option<usize>, RawFrame)> {
+    pub(super) fn due(&mut self, now: Stamp) -> Vec<(usize, RawFrame)> {
         let mut due = Vec::new();
         for (link, lane) in &mut self.lanes {
             let copies = lane.repeater.tick(now);
-            due.extend(copies.into_iter().map(|copy| (Some(*link), copy)));
+            due.extend(copies.into_iter().map(|copy| (*link, copy)));
         }
         due
+    }
+
+    /// When the next is.
+    pub(super) fn next_due(&self) -> Option<Stamp> {
+        (self.lanes.values())
+            .filter_map(|lane| lane.repeater.due())
+            .min()
     }
 }
 
@@ -97,18 +103,17 @@ mod tests {
             let heartbeat = Message::HEARTBEAT(HEARTBEAT_DATA::default());
             for frame in [companion.encode(&status), rover.encode(&heartbeat)] {
                 if number % 5 != 0 {
-                    assert!(copies.is_new(at(number * 100), 0, &frame));
-                    assert!(
-                        !copies.is_new(at(number * 100), 1, &frame),
-                        "over another link"
-                    );
+                    copies.heard(at(number * 100), 0, &frame);
                 }
             }
         }
         copies.sent(at(10_000), Some(0), &command_to(ROVER));
-        assert!(copies.due(at(10_050)).is_empty());
+        assert_eq!(copies.next_due(), None);
         let command = command_to(COMPANION);
         copies.sent(at(10_000), Some(0), &command);
-        assert_eq!(copies.due(at(10_050)), vec![(Some(0), command); 4]);
+        assert_eq!(copies.next_due(), Some(at(10_002)));
+        assert_eq!(copies.due(at(10_050)), vec![(0, command); 4]);
+        copies.forget(COMPANION, &[0]);
+        assert_eq!(copies.next_due(), None);
     }
 }

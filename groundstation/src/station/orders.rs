@@ -96,7 +96,7 @@ impl Station {
         // Whoever presses "return" after "take off" wants no late repetition of the first.
         match client.supersede(now, to, request) {
             Ok(Superseding { message, ended }) => {
-                self.copies.forget(to, &ended);
+                self.void.push((to, ended.clone()));
                 let ended = ended.into_iter().chain([command]);
                 for old in ended.filter_map(|old| self.conversations.open.remove(&(to, old))) {
                     if let Some(order) = self.model.orders.get_mut(old.order) {

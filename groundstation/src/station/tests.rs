@@ -69,7 +69,7 @@ impl Bench {
             .step(self.now, event, &mut |action| match action {
                 Action::Send { frame, .. } => sent.push(frame.decode().expect("own frame")),
                 Action::Plan(job) => jobs.push(job),
-                Action::Open(_) => {}
+                Action::Open(_) | Action::Forget { .. } => {}
             });
     }
 
