@@ -102,8 +102,12 @@ impl Drop for Copier {
 impl Shared {
     /// A frame came on a link.
     pub(super) fn heard(&self, now: Stamp, link: usize, frame: &RawFrame) {
-        self.lock().copies.heard(now, link, frame);
-        self.changed.notify_one();
+        let mut state = self.lock();
+        let before = state.copies.next_due();
+        state.copies.heard(now, link, frame);
+        if state.copies.next_due() != before {
+            self.changed.notify_one();
+        }
     }
 
     fn lock(&self) -> MutexGuard<'_, State> {
@@ -124,6 +128,8 @@ impl Shared {
                     link.is_some_and(|link| link.send(frame).is_ok())
                 });
                 let sent: Vec<_> = sent.map(|(_, frame)| (now, frame)).collect();
+                // Should these be the last of a link, its end waits for its thread, which may wait for the lock.
+                drop(links);
                 state = self.lock();
                 state.sent.extend(sent);
                 continue;

@@ -22,6 +22,8 @@ use super::{SYMBOL_BYTES, SYMBOL_FRAME_BYTES};
 
 /// The budget that may be saved up, as a span of time.
 const BURST: Duration = Duration::from_millis(30);
+/// Who sends more than the budget beside objects holds them up for no longer than this afterwards.
+const DEBT: Duration = Duration::from_millis(500);
 /// How long a symbol shall wait on the way, at least so long that the link never runs dry between two ticks.
 const TARGET: Duration = Duration::from_millis(12);
 /// The target on slow links, in frames.
@@ -166,7 +168,8 @@ impl Pacer {
 
     /// Bytes are sent.
     pub(super) fn spend(&mut self, bytes: f64) {
-        self.budget -= bytes;
+        let most = self.capacity * DEBT.as_secs_f64();
+        self.budget = (self.budget - bytes).max(-most);
     }
 
     /// There was more to send than allowed.

@@ -206,6 +206,11 @@ fn what_else_the_link_carries_counts_against_the_budget() {
     }
     let sent = room.sender.stats(room.now).wire_bytes - before;
     assert!((180_000..=202_000).contains(&sent), "{sent} in 10 s");
+    room.sender.link_has_sent(100_000_000);
+    let before = room.sender.stats(room.now).wire_bytes;
+    room.run(Duration::from_secs(2));
+    let sent = room.sender.stats(room.now).wire_bytes - before;
+    assert!(sent > 50_000, "{sent} in 2 s: a flood is forgotten soon");
 }
 
 #[test]
