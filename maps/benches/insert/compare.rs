@@ -380,7 +380,7 @@ fn threads(scene: &Scene, settings: &Settings) {
                 both.spawn(|| {
                     Ours::ALL[0]
                         .0
-                        .insert(&mut VoxelMap::new(RESOLUTION_M), scene)
+                        .insert(&mut VoxelMap::new(RESOLUTION_M), scene);
                 });
             }
         });
