@@ -134,6 +134,8 @@ impl Service<'_> {
         let mut next_tick = clock.now();
         while !self.exit {
             let now = clock.now();
+            // Copies of commands have times of their own.
+            next_tick = (self.companion.copies_due()).map_or(next_tick, |due| due.min(next_tick));
             if now >= next_tick {
                 next_tick = now + TICK;
                 self.step(now, Event::Tick);

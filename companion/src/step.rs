@@ -156,6 +156,11 @@ impl Companion {
         self.figures.ended().map(|ended| &ended.ending)
     }
 
+    /// When a copy of a command or of its answer is to go out, with the tick at that time.
+    pub fn copies_due(&self) -> Option<Stamp> {
+        self.repeater.due()
+    }
+
     /// What to do about `event`, which happened at `now`.
     pub fn step(&mut self, now: Stamp, event: Event, mut act: impl FnMut(Action)) {
         if matches!(event, Event::Tick) {

@@ -10,7 +10,8 @@
 //! - `bev_age_p99_ms`: how old 99 of 100 delivered BEV frames are at most, `bev_age_p50_ms` the median,
 //! - `command_p99_ms`: from a command to its acknowledgement, less twice the delay one way; left out of the figures where more
 //!   than one in a hundred is never answered, which `commands_answered` tells,
-//! - `command_bound_ms`: the same of commands that are sent over and over on an empty link ([`bound`]): no way to send can beat it,
+//! - `command_bound_ms`: the same of commands that are sent over and over on an empty link ([`bound`]): no way to send can beat it
+//!   in the long run (it is taken over 400 s, so that a figure over 80 s may be less by chance),
 //! - `catch_up_s`: after 30 s in which nothing passes, until the tiles that changed meanwhile are there (five seconds' worth of
 //!   the link) and nothing waits,
 //! - `bytes_per_tile`: of frames sent in both directions for each tile delivered without BEV frames beside it; telemetry and commands count, too.
@@ -217,7 +218,7 @@ fn table_row(name: &str, method: &str, delay_ms: u64, row: &[f64]) -> Vec<String
         .collect()
 }
 
-/// The figures of one run, in the order of [`METRICS`]; no command can be answered sooner than `bound`, in seconds.
+/// The figures of one run, in the order of [`METRICS`]; `bound` is that of the latency of commands, in seconds.
 fn metrics(case: &Case, run: &Run, bound: f64) -> [f64; METRICS.len()] {
     let room = case.rate() * (1.0 - case.loss) * team::SATURATED.as_secs_f64();
     let Run { shared, alone, .. } = run;
