@@ -29,7 +29,7 @@ use crate::voxel::surface::{PackedColor, PackedSeen, Surface};
 use crate::voxel::{ClassId, Rgb, Seen, Sources, VoxelKey, VoxelMap, key_at};
 pub use noise::Noise;
 use rays::{Caster, Gathered};
-use sectors::Sectors;
+use sectors::{Sectors, Shares};
 
 /// Points that one sensor saw at one moment from one place. [`Scan::new`] fills in what a caller has nothing to say of.
 #[derive(Clone, Copy, Debug)]
@@ -105,7 +105,8 @@ pub enum Carving {
 pub(crate) struct Scratch {
     /// By each thread.
     parts: Vec<Gathered>,
-    sectors: Sectors,
+    /// The rays to the points of each part.
+    sectors: Vec<Sectors>,
 }
 
 impl VoxelMap {
@@ -121,18 +122,21 @@ impl VoxelMap {
         };
         let mut scratch = std::mem::take(&mut self.scratch);
         let Scratch { parts, sectors } = &mut scratch;
-        parts.resize_with(threads.max(1), Gathered::default);
+        let count = threads.max(1);
+        parts.resize_with(count, Gathered::default);
+        sectors.resize_with(count, Sectors::default);
         let caster = Caster::new(self, scan);
-        let count = parts.len();
-        each(parts, |(i, part)| {
+        let mut pairs: Vec<_> = parts.iter_mut().zip(&mut *sectors).collect();
+        each(&mut pairs, |(i, (part, sectors))| {
             let cut = |i: usize| scan.hits.len() * i / count;
-            part.gather(&caster, cut(i)..cut(i + 1));
+            part.gather(&caster, cut(i)..cut(i + 1), sectors);
         });
-        sectors.sort(parts.iter().flat_map(Gathered::rays));
-        let shares = sectors.shares(count);
+        let shares = Shares::new(sectors, count);
         each(parts, |(i, part)| {
             while let Some(sector) = shares.next(i) {
-                part.cast(&caster, sectors.points(sector));
+                for sectors in &*sectors {
+                    part.cast(&caster, sectors.points(sector));
+                }
             }
         });
         self.update(parts, scan);
@@ -158,6 +162,7 @@ impl VoxelMap {
         } else {
             nodes
                 .par_iter_mut()
+                .with_max_len(1)
                 .for_each(|node| update.tile(node, parts));
         }
         self.see_surfaces(parts);
@@ -238,29 +243,37 @@ impl Update {
 
     fn tile(&self, node: &mut TileNode, parts: &[Gathered]) {
         let id = node.id;
-        for (i, part) in parts.iter().enumerate() {
-            for (at, free) in part.free_of(id) {
+        let touched: Vec<_> = parts.iter().filter_map(|part| part.tile(id)).collect();
+        let blocks = || {
+            touched.iter().enumerate().flat_map(|(i, part)| {
+                let before = &touched[..i];
                 // Blocks are updated with the first part that has them.
-                if parts[..i].iter().any(|p| p.free_in(id, at).is_some()) {
-                    continue;
+                let is_first = |at: &u16| before.iter().all(|p| p.free.get(*at).is_none());
+                let places = part.free.places().iter().copied().filter(is_first);
+                places.map(move |at| (i, at))
+            })
+        };
+        let is_new = |at: u16| {
+            let corner = block_corner(id, at);
+            node.block(at).is_none() && self.within.is_none_or(|w| inside(corner, w) != NONE)
+        };
+        let new = blocks().filter(|(_, at)| is_new(*at)).count();
+        node.reserve(new);
+        for (first, at) in blocks() {
+            let (mut free, mut hit) = (NONE, NONE);
+            for part in &touched[first..] {
+                join(&mut free, part.free.get(at));
+                join(&mut hit, part.hit.and_then(|hit| hit.get(at)));
+            }
+            let corner = block_corner(id, at);
+            if let Some(within) = self.within {
+                let inside = inside(corner, within);
+                for z in 0..inside.len() {
+                    free[z] &= inside[z];
+                    hit[z] &= inside[z];
                 }
-                let mut free = *free;
-                let mut hit = NONE;
-                for other in &parts[i..] {
-                    join(&mut free, other.free_in(id, at));
-                    join(&mut hit, other.hit_in(id, at));
-                }
-                let corner = block_corner(id, at);
-                if let Some(within) = self.within {
-                    let inside = inside(corner, within);
-                    for z in 0..inside.len() {
-                        free[z] &= inside[z];
-                        hit[z] &= inside[z];
-                    }
-                }
-                if free == NONE && hit == NONE {
-                    continue;
-                }
+            }
+            if free != NONE || hit != NONE {
                 node.edit(at, |block| self.block(block, corner, [&free, &hit]));
             }
         }

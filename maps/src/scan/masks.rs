@@ -18,11 +18,23 @@ pub(super) struct Masks {
 const RECENT: usize = 64;
 
 #[derive(Clone, Debug)]
-struct TileMasks {
+pub(super) struct TileMasks {
     id: TileId,
     directory: Directory,
     places: Vec<u16>,
     masks: Vec<Mask>,
+}
+
+impl TileMasks {
+    /// The mask of a block, if it was asked for.
+    pub(super) fn get(&self, block: u16) -> Option<&Mask> {
+        self.directory.get(block).map(|slot| &self.masks[slot])
+    }
+
+    /// The blocks that were asked for, in that order.
+    pub(super) fn places(&self) -> &[u16] {
+        &self.places
+    }
 }
 
 impl OfTile for TileMasks {
@@ -67,23 +79,14 @@ impl Masks {
         &mut tile.masks[slot]
     }
 
-    /// The mask of a block, if it was asked for before.
-    pub(super) fn get(&self, id: TileId, block: u16) -> Option<&Mask> {
-        let tile = self.tiles.get(id)?;
-        tile.directory.get(block).map(|slot| &tile.masks[slot])
+    /// The masks of a tile, if any of its blocks was ever asked for.
+    pub(super) fn tile(&self, id: TileId) -> Option<&TileMasks> {
+        self.tiles.get(id)
     }
 
     /// The tiles of which blocks were asked for.
     pub(super) fn tiles(&self) -> impl Iterator<Item = TileId> {
         self.touched.iter().map(|at| self.tiles.at(*at).id)
-    }
-
-    /// The blocks of a tile that were asked for, in that order.
-    pub(super) fn blocks(&self, id: TileId) -> impl Iterator<Item = (u16, &Mask)> {
-        self.tiles
-            .get(id)
-            .into_iter()
-            .flat_map(|tile| tile.places.iter().copied().zip(&tile.masks))
     }
 
     fn enter(&mut self, tile: TileId, recent: usize) -> usize {

@@ -2,8 +2,8 @@
 
 use std::ops::Range;
 
-use super::masks::Masks;
-use super::sectors::{Ray, sector};
+use super::masks::{Masks, TileMasks};
+use super::sectors::{Sectors, sector};
 use super::walk::Walk;
 use super::{Carving, Rays, Scan, color_of};
 use crate::frame::{Point, World};
@@ -26,7 +26,13 @@ pub(super) struct Gathered {
     colors: Vec<(VoxelKey, PackedColor)>,
     /// The class of each point.
     classes: Vec<(VoxelKey, ClassId)>,
-    rays: Vec<Ray>,
+}
+
+/// What a part of a scan has touched in one tile.
+#[derive(Clone, Copy)]
+pub(super) struct Touched<'a> {
+    pub(super) free: &'a TileMasks,
+    pub(super) hit: Option<&'a TileMasks>,
 }
 
 impl Gathered {
@@ -34,23 +40,18 @@ impl Gathered {
         self.free.tiles()
     }
 
-    pub(super) fn free_of(&self, id: TileId) -> impl Iterator<Item = (u16, &Mask)> {
-        self.free.blocks(id)
-    }
-
-    pub(super) fn free_in(&self, id: TileId, block: u16) -> Option<&Mask> {
-        self.free.get(id, block)
-    }
-
-    pub(super) fn hit_in(&self, id: TileId, block: u16) -> Option<&Mask> {
-        self.hit.get(id, block)
+    /// What was touched in a tile; `None` if it never was entered.
+    pub(super) fn tile(&self, id: TileId) -> Option<Touched<'_>> {
+        let hit = self.hit.tile(id);
+        self.free.tile(id).map(|free| Touched { free, hit })
     }
 
     pub(super) fn has_hit(&self, key: VoxelKey) -> bool {
         let block = crate::voxel::grid::block_index(key);
         let index = voxel_index(key);
         self.hit
-            .get(TileId::of(key), block)
+            .tile(TileId::of(key))
+            .and_then(|tile| tile.get(block))
             .is_some_and(|mask| mask[index / 64] >> (index % 64) & 1 == 1)
     }
 
@@ -68,45 +69,48 @@ impl Gathered {
         self.cut.clear();
         self.colors.clear();
         self.classes.clear();
-        self.rays.clear();
     }
 
-    /// The rays that are to be cast.
-    pub(super) fn rays(&self) -> impl Iterator<Item = &Ray> + Clone {
-        self.rays.iter()
-    }
-
-    /// Marks what these points of the scan hit, and says which rays are to be cast.
-    pub(super) fn gather(&mut self, caster: &Caster<'_>, points: Range<usize>) {
-        let scan = caster.scan;
-        // Neighbours in an image mostly hit the same voxel.
+    /// Marks what these points of the scan hit, and notes to which of them rays are to be cast.
+    pub(super) fn gather(
+        &mut self,
+        caster: &Caster<'_>,
+        points: Range<usize>,
+        sectors: &mut Sectors,
+    ) {
         let mut last = None;
-        for index in points {
-            let Some(end) = caster.end(scan.hits[index]) else {
-                continue;
-            };
-            let voxel = voxel_index(end.key);
-            let is_first = if end.is_cut {
-                put(self.cut.of(end.key), voxel)
-            } else {
-                self.classes.extend(caster.class_of(index, end.key));
-                let is_first =
-                    last.replace(end.key) != Some(end.key) && put(self.hit.of(end.key), voxel);
-                if is_first {
-                    let color = color_of(scan, index).map(|color| (end.key, color));
-                    self.colors.extend(color);
-                    let _touched = self.free.of(end.key);
-                }
-                is_first
-            };
-            if is_first || scan.rays == Rays::EachPoint {
-                // Memory ends before these numbers do.
-                self.rays.extend(u32::try_from(index).ok().map(|point| Ray {
-                    point,
-                    sector: sector((scan.hits[index] - scan.origin).raw),
-                }));
-            }
+        sectors.sort(points.filter_map(|index| {
+            let hit = caster.scan.hits[index];
+            let end = caster.end(hit)?;
+            let is_first = self.mark(caster, index, &end, &mut last);
+            let is_cast = is_first || caster.scan.rays == Rays::EachPoint;
+            // Memory ends before these numbers do.
+            let point = u32::try_from(index).ok()?;
+            is_cast.then(|| (point, sector((hit - caster.scan.origin).raw)))
+        }));
+    }
+
+    /// Marks where the ray to a point ends; whether it is the first there. `last` is the voxel hit before: neighbours in an
+    /// image mostly hit the same.
+    fn mark(
+        &mut self,
+        caster: &Caster<'_>,
+        index: usize,
+        end: &End,
+        last: &mut Option<VoxelKey>,
+    ) -> bool {
+        let voxel = voxel_index(end.key);
+        if end.is_cut {
+            return put(self.cut.of(end.key), voxel);
         }
+        self.classes.extend(caster.class_of(index, end.key));
+        let is_first = last.replace(end.key) != Some(end.key) && put(self.hit.of(end.key), voxel);
+        if is_first {
+            let color = color_of(caster.scan, index).map(|color| (end.key, color));
+            self.colors.extend(color);
+            let _touched = self.free.of(end.key);
+        }
+        is_first
     }
 
     /// Marks what the rays to these points cross.

@@ -12,14 +12,6 @@ use nalgebra::Vector3;
 /// Around the vertical axis of the sensor. A camera sees through a sixth of them, which is still some for each thread.
 const SECTORS: usize = 128;
 
-/// A ray that is to be cast.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub(super) struct Ray {
-    /// To which point of the scan.
-    pub(super) point: u32,
-    pub(super) sector: u8,
-}
-
 /// The sector of a ray; always the same, whichever that is, for one that points straight up.
 pub(super) fn sector(ray: Vector3<f64>) -> u8 {
     // The way around a square, which is cheaper than that around a circle.
@@ -28,19 +20,24 @@ pub(super) fn sector(ray: Vector3<f64>) -> u8 {
     (around * (SECTORS as f64 / 4.0)) as u8 % SECTORS as u8
 }
 
-/// Points by sector, and in each as they come in the scan.
+/// Points by sector, and in each as they come in the scan, of a part of it.
 #[derive(Clone, Debug, Default)]
 pub(super) struct Sectors {
+    /// As they come, with their sectors.
+    unsorted: Vec<(u32, u8)>,
     points: Vec<u32>,
     /// Where each sector ends.
     ends: Vec<usize>,
 }
 
 impl Sectors {
-    pub(super) fn sort<'a>(&mut self, rays: impl Iterator<Item = &'a Ray> + Clone) {
+    /// Takes these points, each with the sector of its ray, for those before.
+    pub(super) fn sort(&mut self, rays: impl Iterator<Item = (u32, u8)>) {
+        self.unsorted.clear();
+        self.unsorted.extend(rays);
         let mut counts = [0_usize; SECTORS];
-        for ray in rays.clone() {
-            counts[usize::from(ray.sector)] += 1;
+        for (_, sector) in &self.unsorted {
+            counts[usize::from(*sector)] += 1;
         }
         self.ends.clear();
         self.ends.extend(counts.iter().scan(0, |sum, count| {
@@ -48,10 +45,10 @@ impl Sectors {
             Some(*sum - count)
         }));
         self.points.clear();
-        self.points.resize(counts.iter().sum(), 0);
-        for ray in rays {
-            let end = &mut self.ends[usize::from(ray.sector)];
-            self.points[*end] = ray.point;
+        self.points.resize(self.unsorted.len(), 0);
+        for (point, sector) in &self.unsorted {
+            let end = &mut self.ends[usize::from(*sector)];
+            self.points[*end] = *point;
             *end += 1;
         }
     }
@@ -60,19 +57,6 @@ impl Sectors {
         let start = sector.checked_sub(1).map_or(0, |before| self.ends[before]);
         &self.points[start..self.ends[sector]]
     }
-
-    /// Sectors side by side for each thread, with about as many rays.
-    pub(super) fn shares(&self, threads: usize) -> Shares {
-        let cut = |thread: usize| {
-            let rays_before = self.points.len() * thread / threads;
-            self.ends.partition_point(|end| *end <= rays_before)
-        };
-        Shares(
-            (0..threads)
-                .map(|thread| AtomicU64::new(packed(cut(thread)..cut(thread + 1))))
-                .collect(),
-        )
-    }
 }
 
 /// The sectors that are left to each thread.
@@ -80,6 +64,16 @@ impl Sectors {
 pub(super) struct Shares(Vec<AtomicU64>);
 
 impl Shares {
+    /// Sectors side by side for each thread, with about as many rays.
+    pub(super) fn new(parts: &[Sectors], threads: usize) -> Self {
+        let end = |sector| parts.iter().map(|part| part.ends[sector]).sum::<usize>();
+        let ends: Vec<_> = (0..SECTORS).map(end).collect();
+        let rays = ends[SECTORS - 1];
+        let cut = |thread: usize| ends.partition_point(|end| *end <= rays * thread / threads);
+        let share = |thread| AtomicU64::new(packed(cut(thread)..cut(thread + 1)));
+        Self((0..threads).map(share).collect())
+    }
+
     /// The sector that a thread is to do next; `None` if none is left.
     pub(super) fn next(&self, thread: usize) -> Option<usize> {
         let own = take(&self.0[thread], Iterator::next);
@@ -123,9 +117,11 @@ fn unpacked(share: u64) -> Range<usize> {
 mod tests {
     use super::*;
 
-    fn rays(sectors: &[u8]) -> Vec<Ray> {
-        let ray = |(point, &sector)| Ray { point, sector };
-        (0..).zip(sectors).map(ray).collect()
+    /// Rays to these sectors, sorted.
+    fn sorted(sectors: &[u8]) -> Sectors {
+        let mut sorted = Sectors::default();
+        sorted.sort((0..).zip(sectors.iter().copied()));
+        sorted
     }
 
     #[test]
@@ -148,7 +144,7 @@ mod tests {
     fn sorting_keeps_the_order_of_the_scan_within_a_sector() {
         let mut sectors = Sectors::default();
         for _ in 0..2 {
-            sectors.sort(rays(&[5, 0, 127, 5, 0, 5]).iter());
+            sectors.sort((0..).zip([5, 0, 127, 5, 0, 5]));
             assert_eq!(sectors.points(0), [1, 4]);
             assert_eq!(sectors.points(1), []);
             assert_eq!(sectors.points(5), [0, 3, 5]);
@@ -158,11 +154,10 @@ mod tests {
 
     #[test]
     fn each_sector_with_rays_is_done_once_by_whichever_thread_is_free() {
-        let mut sectors = Sectors::default();
         let some: Vec<u8> = (0..100).flat_map(|i| [20 + i / 4, 20 + i / 4]).collect();
-        sectors.sort(rays(&some).iter());
+        let parts = [sorted(&some[..90]), sorted(&some[90..])];
         for threads in [1, 2, 3, 7] {
-            let shares = sectors.shares(threads);
+            let shares = Shares::new(&parts, threads);
             // The first does two, then each of the others one, until nothing is left.
             let mut order = [0].into_iter().chain(0..threads).cycle();
             let mut done = Vec::new();
@@ -172,17 +167,15 @@ mod tests {
             assert!((0..threads).all(|thread| shares.next(thread).is_none()));
             done.sort_unstable();
             let with_rays: Vec<_> = (20..45).collect();
-            done.retain(|sector| !sectors.points(*sector).is_empty());
+            done.retain(|sector| parts.iter().any(|part| !part.points(*sector).is_empty()));
             assert_eq!(done, with_rays, "{threads} threads");
         }
     }
 
     #[test]
     fn what_is_left_is_taken_from_the_far_end_of_the_longest_share() {
-        let mut sectors = Sectors::default();
         let around: Vec<u8> = (0..128).collect();
-        sectors.sort(rays(&around).iter());
-        let shares = sectors.shares(2);
+        let shares = Shares::new(&[sorted(&around)], 2);
         let next = |thread, count| {
             (0..count)
                 .filter_map(|_| shares.next(thread))
@@ -197,9 +190,8 @@ mod tests {
 
     #[test]
     fn no_rays_are_no_work() {
-        let mut sectors = Sectors::default();
-        sectors.sort([].iter());
-        let shares = sectors.shares(3);
+        let sectors = sorted(&[]);
+        let shares = Shares::new(std::slice::from_ref(&sectors), 3);
         let done: usize = std::iter::from_fn(|| shares.next(1))
             .map(|s| sectors.points(s).len())
             .sum();

@@ -266,3 +266,20 @@ fn known_noise_makes_a_hit_weigh_less_and_leaves_what_is_near_it_alone() {
     assert_eq!(log_odds(49), None, "within two sigma");
     assert_eq!(log_odds(48), Some(-8));
 }
+
+#[test]
+fn a_voxel_where_one_ray_is_cut_and_another_ends_is_occupied_whichever_comes_first() {
+    // The greatest range ends inside of the voxel: one point is before it, the other beyond.
+    let [near, far] = [5.01, 6.0].map(|x| Point::new(x, 0.05, 0.05));
+    for hits in [[near, far], [far, near]] {
+        for rays in [Rays::EachPoint, Rays::EachVoxel] {
+            let scan = Scan {
+                rays,
+                max_range_m: 5.0,
+                ..Scan::new(Point::new(0.05, 0.05, 0.05), &hits)
+            };
+            let map = inserted(&[scan]);
+            assert_eq!(map.occupancy(map.key_of(near)), Occupancy::Occupied);
+        }
+    }
+}

@@ -302,13 +302,19 @@ impl TileNode {
         }
     }
 
+    /// Makes place for so many new blocks at once.
+    pub(crate) fn reserve(&mut self, new: usize) {
+        if self.blocks.capacity() - self.blocks.len() < new {
+            // Doubling would waste a third of the memory of a map.
+            let some = 8 + self.blocks.len() / 8;
+            self.blocks.reserve_exact(new.max(some));
+        }
+    }
+
     fn slot(&mut self, at: u16) -> usize {
         self.directory.get(at).unwrap_or_else(|| {
             let slot = self.blocks.len();
-            if slot == self.blocks.capacity() {
-                // Doubling would waste a third of the memory of a map.
-                self.blocks.reserve_exact(8 + slot / 8);
-            }
+            self.reserve(1);
             self.blocks.push(Block::UNKNOWN);
             self.directory.set(at, slot);
             slot
