@@ -4,6 +4,7 @@
 //!   on a drone, with exact truth.
 //! - [`vehicle`]: how a quadrotor and a small car move, and what their sensors say.
 //! - [`autopilot`]: flies and drives them, and talks MAVLink like `ArduPilot`.
+//! - [`traffic`]: vehicles and people who move in a street.
 //! - [`link`]: what a radio does to what is sent over it.
 //! - [`simulation`], [`run`], [`report`]: all of it together.
 //!
@@ -20,5 +21,6 @@ pub mod report;
 pub mod run;
 pub mod scene;
 pub mod simulation;
+pub mod traffic;
 pub mod vehicle;
 pub mod wgs84;

@@ -1,0 +1,529 @@
+use std::f64::consts::PI;
+
+use maps::time::Stamp;
+use nalgebra::{Rotation2, Vector2};
+
+use super::path::{angle, wrapped};
+use super::*;
+
+/// Half the width of a body that must not touch another.
+const BODY_M: f64 = 0.24;
+const LIMIT_MPS: f64 = 13.9;
+
+fn lane(points: &[[f64; 2]], width_m: f64) -> Lane {
+    Lane {
+        path: Path::open(points, 10.0),
+        width_m,
+        speed_limit_mps: LIMIT_MPS,
+    }
+}
+
+/// A street of 200 m with a lane, a walkway and poles on each side, a zebra crossing, a place to cross between parked
+/// cars, and a signal.
+fn street(agents: Agents) -> Plan {
+    let side = |y: f64| Walkway {
+        path: Path::open(&[[0.0, y], [200.0, y]], 1.0),
+        width_m: 3.0,
+    };
+    let crossing = |x: f64, width_m: f64, priority: Priority| Crossing {
+        ends: [[x, -3.5], [x, 3.5]],
+        width_m,
+        priority,
+    };
+    let pole = |i: u32| Obstacle::Circle {
+        centre: [
+            f64::from(i) * 20.0 + 5.0,
+            if i.is_multiple_of(2) { 4.1 } else { -4.1 },
+        ],
+        radius_m: 0.12,
+    };
+    Plan {
+        lanes: vec![
+            lane(&[[0.0, -1.75], [200.0, -1.75]], 3.5),
+            lane(&[[200.0, 1.75], [0.0, 1.75]], 3.5),
+        ],
+        walkways: vec![side(-5.0), side(5.0)],
+        crossings: vec![
+            crossing(60.0, 4.0, Priority::Pedestrians),
+            crossing(130.0, 1.5, Priority::Vehicles),
+        ],
+        signals: vec![Signal {
+            lane: 0,
+            at_m: 100.0,
+            cycle_s: 40.0,
+            green_from_s: 5.0,
+            green_for_s: 22.0,
+        }],
+        obstacles: (0..10).map(pole).collect(),
+        agents,
+        ..Plan::default()
+    }
+}
+
+/// Two streets that cross, and a lane that comes in from the side and joins one.
+fn junction() -> Plan {
+    Plan {
+        lanes: vec![
+            lane(&[[-100.0, -1.75], [100.0, -1.75]], 3.5),
+            lane(&[[100.0, 1.75], [-100.0, 1.75]], 3.5),
+            lane(&[[1.75, -100.0], [1.75, 100.0]], 3.5),
+            lane(&[[-1.75, 100.0], [-1.75, -100.0]], 3.5),
+            lane(&[[50.0, -80.0], [50.0, -1.75], [100.0, -1.75]], 3.5),
+        ],
+        agents: Agents {
+            cars: 18,
+            trucks: 4,
+            buses: 2,
+            cyclists: 6,
+            pedestrians: 0,
+        },
+        ..Plan::default()
+    }
+}
+
+/// Two closed lanes round a block, in opposite directions, with a pavement round the block and a zebra crossing.
+fn block(cars: u16) -> Plan {
+    let square = |half: f64| [[-half, -half], [half, -half], [half, half], [-half, half]];
+    let mut back = square(38.5);
+    back.reverse();
+    let round = |points: &[[f64; 2]], radius_m: f64| Lane {
+        path: Path::closed(points, radius_m),
+        width_m: 3.5,
+        speed_limit_mps: LIMIT_MPS,
+    };
+    let walkway = |half: f64, radius_m: f64| Walkway {
+        path: Path::closed(&square(half), radius_m),
+        width_m: 2.6,
+    };
+    Plan {
+        lanes: vec![round(&square(42.0), 12.0), round(&back, 8.5)],
+        walkways: vec![walkway(34.0, 4.0), walkway(46.5, 16.5)],
+        crossings: vec![Crossing {
+            ends: [[3.0, 35.3], [3.0, 45.2]],
+            width_m: 4.0,
+            priority: Priority::Pedestrians,
+        }],
+        agents: Agents {
+            cars,
+            trucks: 2,
+            pedestrians: 24,
+            ..Agents::default()
+        },
+        ..Plan::default()
+    }
+}
+
+/// As many as on a busy street.
+const MANY: Agents = Agents {
+    cars: 22,
+    trucks: 2,
+    buses: 2,
+    cyclists: 4,
+    pedestrians: 30,
+};
+
+fn plans() -> [(&'static str, Plan); 3] {
+    [
+        ("street", street(MANY)),
+        ("junction", junction()),
+        ("block", block(12)),
+    ]
+}
+
+/// Every so often until the end of the plan.
+fn times(plan: &Plan, step_ms: u64) -> impl Iterator<Item = Stamp> + use<> {
+    let end_ms = plan.duration.as_millis() as u64;
+    (0..end_ms)
+        .step_by(usize::try_from(step_ms).unwrap())
+        .map(|ms| Stamp::from_nanos(ms * 1_000_000))
+}
+
+fn axes(heading_rad: f64) -> [Vector2<f64>; 2] {
+    [0.0, PI / 2.0].map(|turn| Rotation2::new(heading_rad + turn) * Vector2::x())
+}
+
+/// Whether two oriented boxes share a point: no side of either separates them.
+fn boxes_overlap(a: (&Track, State), b: (&Track, State)) -> bool {
+    let reach = |(track, state): (&Track, State), axis: Vector2<f64>| {
+        let [along, across] = axes(state.heading_rad);
+        track.size_m[0] / 2.0 * along.dot(&axis).abs()
+            + track.size_m[1] / 2.0 * across.dot(&axis).abs()
+    };
+    let apart = Vector2::from(a.1.position) - Vector2::from(b.1.position);
+    [a, b]
+        .iter()
+        .flat_map(|(_, state)| axes(state.heading_rad))
+        .all(|axis| apart.dot(&axis).abs() < reach(a, axis) + reach(b, axis))
+}
+
+fn overlap(a: (&Track, State), b: (&Track, State)) -> bool {
+    let apart = Vector2::from(a.1.position) - Vector2::from(b.1.position);
+    if apart.norm() > 13.0 {
+        return false;
+    }
+    let on_foot = |(track, _): (&Track, State)| track.kind == Kind::Pedestrian;
+    match (on_foot(a), on_foot(b)) {
+        (true, true) => apart.norm() < 2.0 * BODY_M,
+        (false, false) => boxes_overlap(a, b),
+        (first, _) => {
+            let (person, vehicle) = if first { (a, b) } else { (b, a) };
+            let [x, y] = vehicle.1.position;
+            let body = Obstacle::Box {
+                centre: [x, y],
+                heading_rad: vehicle.1.heading_rad,
+                size_m: [vehicle.0.size_m[0], vehicle.0.size_m[1]],
+            };
+            body.distance_m(person.1.position) < BODY_M
+        }
+    }
+}
+
+#[track_caller]
+fn check_nothing_overlaps(name: &str, plan: &Plan, seed: u64) {
+    let traffic = Traffic::generate(plan, seed);
+    for now in times(plan, 150) {
+        let present: Vec<(&Track, State)> = traffic
+            .tracks
+            .iter()
+            .filter_map(|track| Some((track, track.state(now)?)))
+            .collect();
+        for (i, &a) in present.iter().enumerate() {
+            for &b in &present[i + 1..] {
+                assert!(
+                    !overlap(a, b),
+                    "{name}, seed {seed}, {} s: {:?} {:?} and {:?} {:?}",
+                    now.as_secs_f64(),
+                    a.0.kind,
+                    a.1,
+                    b.0.kind,
+                    b.1
+                );
+            }
+        }
+    }
+}
+
+#[test]
+fn nothing_ever_overlaps() {
+    for (name, plan) in plans() {
+        for seed in 0..6 {
+            check_nothing_overlaps(name, &plan, seed);
+        }
+    }
+}
+
+#[test]
+fn speeds_are_within_limits_and_agree_with_positions() {
+    let step = Duration::from_millis(20);
+    for (name, plan) in plans() {
+        for track in Traffic::generate(&plan, 3).tracks {
+            let most_mps = match track.kind {
+                // A brisk walker, in a hurry on a crossing.
+                Kind::Pedestrian => 2.2,
+                _ => LIMIT_MPS,
+            };
+            for now in times(&plan, 330) {
+                let Some((a, b)) = track.state(now).zip(track.state(now + step)) else {
+                    continue;
+                };
+                let moved = Vector2::from(b.position) - Vector2::from(a.position);
+                let speed_mps = moved.norm() / step.as_secs_f64();
+                assert!(
+                    speed_mps < most_mps * 1.02 + 0.05,
+                    "{name}: {:?} {a:?}",
+                    track.kind
+                );
+                let mean_mps = (a.speed_mps + b.speed_mps) / 2.0;
+                // 8 m/s² over 20 ms.
+                assert!((speed_mps - mean_mps).abs() < 0.16, "{name}: {a:?} {b:?}");
+                let travelled_m = b.travelled_m - a.travelled_m;
+                assert!(travelled_m >= 0.0 && (travelled_m - moved.norm()).abs() < 0.06);
+                let turned_rad = b.heading_rad - a.heading_rad;
+                assert!(turned_rad.abs() < 0.1, "{name}: turns by {turned_rad} rad");
+            }
+        }
+    }
+}
+
+#[test]
+fn vehicles_drive_forwards_and_gently() {
+    let step = Duration::from_millis(100);
+    for (name, plan) in plans() {
+        for track in Traffic::generate(&plan, 5).tracks {
+            if track.kind == Kind::Pedestrian {
+                continue;
+            }
+            for now in times(&plan, 100) {
+                let Some((a, b)) = track.state(now).zip(track.state(now + step)) else {
+                    continue;
+                };
+                let speed_mps = (a.speed_mps + b.speed_mps) / 2.0;
+                let turn_radps = (b.heading_rad - a.heading_rad) / step.as_secs_f64();
+                let aside_mps2 = (speed_mps * turn_radps).abs();
+                assert!(aside_mps2 < 2.6, "{name}: {aside_mps2} m/s², {a:?}");
+                let pull_mps2 = (b.speed_mps - a.speed_mps) / step.as_secs_f64();
+                assert!(
+                    (-8.5..2.5).contains(&pull_mps2),
+                    "{name}: {pull_mps2} m/s², {a:?}"
+                );
+                let moved = Vector2::from(b.position) - Vector2::from(a.position);
+                if speed_mps > 1.0 {
+                    let middle_rad = (a.heading_rad + b.heading_rad) / 2.0;
+                    let slip_rad = wrapped(angle(moved) - middle_rad);
+                    assert!(slip_rad.abs() < 0.15, "{name}: {slip_rad} rad, {a:?}");
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn people_stay_on_walkways_and_crossings() {
+    for (name, plan) in plans() {
+        for track in Traffic::generate(&plan, 1).tracks {
+            if track.kind != Kind::Pedestrian {
+                continue;
+            }
+            for now in times(&plan, 100) {
+                let place = track.state(now).unwrap().position;
+                let on_walkway = plan
+                    .walkways
+                    .iter()
+                    .any(|walkway| walkway.path.nearest(place).distance_m < walkway.width_m / 2.0);
+                let on_crossing = plan.crossings.iter().any(|crossing| {
+                    let nearest = Path::open(&crossing.ends, 0.0).nearest(place);
+                    nearest.distance_m < crossing.width_m.max(1.6) / 2.0
+                });
+                assert!(on_walkway || on_crossing, "{name}: {place:?} at {now:?}");
+            }
+        }
+    }
+}
+
+/// How many of the people on foot change the side of the street.
+fn crossers(plan: &Plan, traffic: &Traffic) -> usize {
+    let people = traffic.tracks.iter().filter(|t| t.kind == Kind::Pedestrian);
+    people
+        .filter(|track| {
+            let sides: Vec<f64> = times(plan, 500)
+                .filter_map(|now| Some(track.state(now)?.position[1]))
+                .collect();
+            sides.iter().any(|&y| y > 4.0) && sides.iter().any(|&y| y < -4.0)
+        })
+        .count()
+}
+
+#[test]
+fn people_cross_and_cars_stop_for_them() {
+    let mut stops = 0;
+    for seed in 0..4 {
+        let plan = street(MANY);
+        let traffic = Traffic::generate(&plan, seed);
+        assert!(crossers(&plan, &traffic) >= 5, "seed {seed}");
+        for now in times(&plan, 100) {
+            let states = |kind: Kind| {
+                let tracks = traffic
+                    .tracks
+                    .iter()
+                    .filter(move |track| track.kind == kind);
+                tracks.filter_map(move |track| track.state(now))
+            };
+            let someone_crosses = states(Kind::Pedestrian)
+                .any(|s| (s.position[0] - 60.0).abs() < 3.0 && s.position[1].abs() < 2.0);
+            if someone_crosses {
+                // Within ten metres of the line on the lane that leads east.
+                stops += states(Kind::Car)
+                    .filter(|s| s.position[1] < 0.0 && (45.0..58.0).contains(&s.position[0]))
+                    .filter(|s| s.speed_mps < 0.3)
+                    .count();
+            }
+        }
+    }
+    assert!(stops > 20, "cars stood for {stops} tenths of a second");
+}
+
+#[test]
+fn vehicles_do_not_pass_a_red_light() {
+    let plan = street(MANY);
+    let signal = plan.signals[0];
+    for track in Traffic::generate(&plan, 2).tracks {
+        if track.kind == Kind::Pedestrian {
+            continue;
+        }
+        let nose = |now: Stamp| {
+            let state = track.state(now).filter(|s| s.position[1] < 0.0)?;
+            Some(state.position[0] + track.size_m[0] / 2.0)
+        };
+        for now in times(&plan, 100) {
+            let (Some(x), Some(next)) = (nose(now), nose(now + Duration::from_millis(100))) else {
+                continue;
+            };
+            if x <= signal.at_m && next > signal.at_m {
+                // Who could not stop in comfort when it turned red has four seconds to pass.
+                let green = (0..5).any(|s| signal.is_green(now.as_secs_f64() - f64::from(s)));
+                assert!(green, "passed at {} s", now.as_secs_f64());
+            }
+        }
+    }
+}
+
+#[test]
+fn traffic_keeps_flowing() {
+    for (name, plan) in [
+        ("street", street(MANY)),
+        ("junction", junction()),
+        ("block", block(12)),
+        ("full block", block(400)),
+    ] {
+        for seed in 0..3 {
+            let traffic = Traffic::generate(&plan, seed);
+            let travelled = |track: &Track, from_s: u64| {
+                times(&plan, 1000)
+                    .skip_while(|now| *now < Stamp::from_nanos(from_s * 1_000_000_000))
+                    .filter_map(|now| Some(track.state(now)?.travelled_m))
+                    .fold([f64::INFINITY, 0.0_f64], |[low, high], m| {
+                        [low.min(m), high.max(m)]
+                    })
+            };
+            let mut seen = 0;
+            for track in &traffic.tracks {
+                let [low, high] = travelled(track, 90);
+                let moved_m = if low.is_finite() {
+                    high - low
+                } else {
+                    continue;
+                };
+                assert!(
+                    moved_m > 4.0,
+                    "{name}, seed {seed}: {:?} {moved_m} m",
+                    track.kind
+                );
+                seen += 1;
+            }
+            assert!(seen > 20, "{name}, seed {seed}: {seen} seen");
+        }
+    }
+}
+
+#[test]
+fn a_full_lane_holds_no_more_than_it_can() {
+    let traffic = Traffic::generate(&block(400), 1);
+    let vehicles = traffic
+        .tracks
+        .iter()
+        .filter(|t| t.kind == Kind::Car)
+        .count();
+    // 2 lanes, 612 m in all, 6.4 m for each and some room to move.
+    assert!((60..96).contains(&vehicles), "{vehicles} cars");
+    check_nothing_overlaps("full block", &block(400), 1);
+}
+
+#[test]
+fn cars_pass_cyclists_where_there_is_room_and_follow_them_where_there_is_none() {
+    let fastest_mps = |width_m: f64| {
+        let plan = Plan {
+            lanes: vec![Lane {
+                path: Path::closed(
+                    &[[-60.0, -60.0], [60.0, -60.0], [60.0, 60.0], [-60.0, 60.0]],
+                    30.0,
+                ),
+                width_m,
+                speed_limit_mps: LIMIT_MPS,
+            }],
+            agents: Agents {
+                cars: 4,
+                cyclists: 4,
+                ..Agents::default()
+            },
+            ..Plan::default()
+        };
+        check_nothing_overlaps("cyclists", &plan, 1);
+        let traffic = Traffic::generate(&plan, 1);
+        let late = Stamp::from_nanos(170_000_000_000);
+        let cars = traffic.tracks.iter().filter(|t| t.kind == Kind::Car);
+        cars.filter_map(|t| Some(t.state(late)?.speed_mps))
+            .fold(0.0, f64::max)
+    };
+    assert!(fastest_mps(3.5) < 7.0);
+    assert!(fastest_mps(5.5) > 8.0);
+}
+
+#[test]
+fn the_same_seed_gives_the_same_traffic_and_another_seed_another() {
+    let plan = street(MANY);
+    let bits = |seed: u64| -> Vec<u64> {
+        let traffic = Traffic::generate(&plan, seed);
+        let now = Stamp::from_nanos(97_654_321_000);
+        let states = traffic.tracks.iter().filter_map(|track| track.state(now));
+        states
+            .flat_map(|s| {
+                [
+                    s.position[0],
+                    s.position[1],
+                    s.heading_rad,
+                    s.speed_mps,
+                    s.travelled_m,
+                ]
+            })
+            .map(f64::to_bits)
+            .collect()
+    };
+    assert_eq!(bits(1), bits(1));
+    assert_ne!(bits(1), bits(2));
+}
+
+#[test]
+fn plans_without_sense_give_little_traffic_and_no_panic() {
+    assert!(Traffic::generate(&Plan::default(), 1).tracks.is_empty());
+    let nothing = Path::open(&[], 1.0);
+    let odd = [
+        Path::closed(&[[0.0, 0.0], [1.0, 0.0], [0.0, 0.0]], 5.0),
+        Path::open(&[[0.0, 0.0], [f64::NAN, 3.0]], f64::NAN),
+        Path::open(&[[0.0, 0.0], [1e12, 0.0]], 1.0),
+        Path::open(&[[0.0, 0.0], [60.0, 0.0], [0.0, 0.1]], 3.0),
+        Path::closed(&[[0.0, 0.0], [50.0, 0.0], [50.0, 50.0], [25.0, -25.0]], 3.0),
+        nothing,
+    ];
+    for path in odd {
+        let plan = Plan {
+            lanes: vec![Lane {
+                path: path.clone(),
+                width_m: f64::NAN,
+                speed_limit_mps: 10.0,
+            }],
+            walkways: vec![Walkway {
+                path,
+                width_m: -1.0,
+            }],
+            crossings: vec![Crossing {
+                ends: [[0.0, f64::NAN], [0.0, 0.0]],
+                width_m: f64::NAN,
+                priority: Priority::Pedestrians,
+            }],
+            signals: vec![Signal {
+                lane: 7,
+                at_m: f64::NAN,
+                cycle_s: 0.0,
+                green_from_s: 0.0,
+                green_for_s: 0.0,
+            }],
+            obstacles: vec![Obstacle::Circle {
+                centre: [f64::NAN; 2],
+                radius_m: -1.0,
+            }],
+            agents: Agents {
+                cars: 3,
+                buses: 2,
+                cyclists: 2,
+                pedestrians: 5,
+                ..Agents::default()
+            },
+            duration: Duration::from_secs(20),
+        };
+        for track in Traffic::generate(&plan, 1).tracks {
+            if let Some(state) = track.state(Stamp::from_nanos(10_000_000_000)) {
+                assert!(state.position.iter().all(|x| x.is_finite()), "{state:?}");
+            }
+        }
+    }
+}
