@@ -1,13 +1,12 @@
-use std::f64::consts::PI;
+mod shapes;
 
 use maps::time::Stamp;
-use nalgebra::{Rotation2, Vector2};
+use nalgebra::Vector2;
 
 use super::path::{angle, wrapped};
 use super::*;
+use shapes::{BODY_M, overlap};
 
-/// Half the width of a body that must not touch another.
-const BODY_M: f64 = 0.24;
 const LIMIT_MPS: f64 = 13.9;
 
 fn lane(points: &[[f64; 2]], width_m: f64) -> Lane {
@@ -37,6 +36,11 @@ fn street(agents: Agents) -> Plan {
         ],
         radius_m: 0.12,
     };
+    let bench = Obstacle::Box {
+        centre: [90.0, 5.6],
+        heading_rad: 0.1,
+        size_m: [1.8, 0.6],
+    };
     Plan {
         lanes: vec![
             lane(&[[0.0, -1.75], [200.0, -1.75]], 3.5),
@@ -54,7 +58,7 @@ fn street(agents: Agents) -> Plan {
             green_from_s: 5.0,
             green_for_s: 22.0,
         }],
-        obstacles: (0..10).map(pole).collect(),
+        obstacles: (0..10).map(pole).chain([bench]).collect(),
         agents,
         ..Plan::default()
     }
@@ -136,46 +140,6 @@ fn times(plan: &Plan, step_ms: u64) -> impl Iterator<Item = Stamp> + use<> {
     (0..end_ms)
         .step_by(usize::try_from(step_ms).unwrap())
         .map(|ms| Stamp::from_nanos(ms * 1_000_000))
-}
-
-fn axes(heading_rad: f64) -> [Vector2<f64>; 2] {
-    [0.0, PI / 2.0].map(|turn| Rotation2::new(heading_rad + turn) * Vector2::x())
-}
-
-/// Whether two oriented boxes share a point: no side of either separates them.
-fn boxes_overlap(a: (&Track, State), b: (&Track, State)) -> bool {
-    let reach = |(track, state): (&Track, State), axis: Vector2<f64>| {
-        let [along, across] = axes(state.heading_rad);
-        track.size_m[0] / 2.0 * along.dot(&axis).abs()
-            + track.size_m[1] / 2.0 * across.dot(&axis).abs()
-    };
-    let apart = Vector2::from(a.1.position) - Vector2::from(b.1.position);
-    [a, b]
-        .iter()
-        .flat_map(|(_, state)| axes(state.heading_rad))
-        .all(|axis| apart.dot(&axis).abs() < reach(a, axis) + reach(b, axis))
-}
-
-fn overlap(a: (&Track, State), b: (&Track, State)) -> bool {
-    let apart = Vector2::from(a.1.position) - Vector2::from(b.1.position);
-    if apart.norm() > 13.0 {
-        return false;
-    }
-    let on_foot = |(track, _): (&Track, State)| track.kind == Kind::Pedestrian;
-    match (on_foot(a), on_foot(b)) {
-        (true, true) => apart.norm() < 2.0 * BODY_M,
-        (false, false) => boxes_overlap(a, b),
-        (first, _) => {
-            let (person, vehicle) = if first { (a, b) } else { (b, a) };
-            let [x, y] = vehicle.1.position;
-            let body = Obstacle::Box {
-                centre: [x, y],
-                heading_rad: vehicle.1.heading_rad,
-                size_m: [vehicle.0.size_m[0], vehicle.0.size_m[1]],
-            };
-            body.distance_m(person.1.position) < BODY_M
-        }
-    }
 }
 
 #[track_caller]
@@ -298,6 +262,41 @@ fn people_stay_on_walkways_and_crossings() {
             }
         }
     }
+}
+
+#[test]
+fn people_walk_round_obstacles_and_face_their_way() {
+    let plan = street(MANY);
+    let (mut passed, mut moving, mut facing) = (0, 0, 0);
+    for track in Traffic::generate(&plan, 4).tracks {
+        if track.kind != Kind::Pedestrian {
+            continue;
+        }
+        for now in times(&plan, 100) {
+            let Some((a, b)) = track
+                .state(now)
+                .zip(track.state(now + Duration::from_millis(50)))
+            else {
+                continue;
+            };
+            for obstacle in &plan.obstacles {
+                let distance_m = obstacle.distance_m(a.position);
+                assert!(distance_m > BODY_M, "{distance_m} m from {obstacle:?}");
+                passed += usize::from(distance_m < 1.0);
+            }
+            let moved = Vector2::from(b.position) - Vector2::from(a.position);
+            if a.speed_mps > 0.5 {
+                let aside_rad = wrapped(angle(moved) - a.heading_rad).abs();
+                moving += 1;
+                facing += usize::from(aside_rad < 0.3);
+            }
+        }
+    }
+    assert!(
+        passed > 1000,
+        "{passed} samples within a metre of an obstacle"
+    );
+    assert!(facing * 100 > moving * 95, "{facing} of {moving}");
 }
 
 /// How many of the people on foot change the side of the street.

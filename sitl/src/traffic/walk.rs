@@ -8,8 +8,6 @@
 mod crossing;
 mod populate;
 
-use std::f64::consts::PI;
-
 use nalgebra::Vector2;
 use rand::RngExt as _;
 use rand_pcg::Pcg64;
@@ -34,8 +32,9 @@ const RELAXATION_S: f64 = 0.4;
 const REACTION_S: f64 = 0.5;
 /// They choose their direction once in so many steps.
 const CHOOSE_EVERY: usize = 4;
-/// How fast someone turns round, in rad/s.
+/// How fast someone turns round at most, in rad/s, and the time constant of smaller turns.
 const TURN_RADPS: f64 = 4.0;
+const TURN_S: f64 = 0.2;
 /// Mean time from one pause to the next.
 const PAUSE_EVERY_S: f64 = 50.0;
 /// Who has been stuck for this long looks all round for a way, and after the longer time turns back.
@@ -83,8 +82,8 @@ struct Walker {
     travelled_m: f64,
     stuck_s: f64,
     intent: Intent,
-    /// The crossing they last passed or used.
-    passed: Option<usize>,
+    /// The crossings near by that they have passed or used.
+    passed: Vec<usize>,
 }
 
 /// What someone is about.
@@ -268,8 +267,10 @@ impl Crowd {
     /// One step, as long as it may be.
     fn walk(&mut self, i: usize) {
         let walker = &self.walkers[i];
-        let velocity =
-            walker.velocity + (walker.chosen - walker.velocity) * (STEP_S / RELAXATION_S);
+        // Who has to turn first hardly moves until they face their way.
+        let aside_rad = angle(walker.chosen) - walker.heading_rad;
+        let wanted = walker.chosen * aside_rad.cos().max(0.1);
+        let velocity = walker.velocity + (wanted - walker.velocity) * (STEP_S / RELAXATION_S);
         let step = [1.0, 0.6, 0.3]
             .iter()
             .map(|share| self.moved(walker, velocity * *share))
@@ -330,20 +331,16 @@ impl Crowd {
             })
     }
 
+    /// Turns someone to where they step, or over the road while they wait there.
     fn turn(&mut self, i: usize) {
-        let facing_rad = match self.walkers[i].intent {
-            Intent::Wait { leg, .. } => Some(self.inward_rad(leg)),
-            _ => None,
-        };
-        let walker = &mut self.walkers[i];
-        let wanted_rad = if walker.velocity.norm() > 0.25 {
-            angle(walker.velocity)
-        } else {
-            facing_rad.unwrap_or(walker.heading_rad)
+        let walker = &self.walkers[i];
+        let wanted_rad = match walker.intent {
+            Intent::Wait { leg, .. } => self.inward_rad(leg),
+            _ if walker.chosen.norm() > 0.2 => angle(walker.chosen),
+            _ => walker.heading_rad,
         };
         let most_rad = TURN_RADPS * STEP_S;
-        let turn_rad = wrapped(wanted_rad - walker.heading_rad).clamp(-most_rad, most_rad);
-        walker.heading_rad += turn_rad;
-        debug_assert!(turn_rad.abs() <= PI, "a turn is the shorter way round");
+        let turn_rad = wrapped(wanted_rad - walker.heading_rad) * (STEP_S / TURN_S);
+        self.walkers[i].heading_rad += turn_rad.clamp(-most_rad, most_rad);
     }
 }

@@ -87,29 +87,27 @@ impl Crowd {
         let walker = &self.walkers[i];
         let path = &self.ways[walker.way].path;
         let mut noticed = None;
-        let mut passed = walker.passed;
         for (crossing, kerbs) in self.kerbs.iter().enumerate() {
             for (end, kerb) in kerbs.iter().flatten().enumerate() {
-                if kerb.walkway != walker.way {
-                    continue;
-                }
                 let mut ahead_m = (kerb.along_m - walker.along_m) * walker.forward;
                 if path.is_closed() {
                     ahead_m = ahead_m.rem_euclid(path.length_m());
                 }
-                if passed == Some(crossing) {
-                    // Far from it, it may be chosen again.
-                    let far = (kerb.at - walker.at).norm() > 3.0 * NOTICED_M;
-                    passed = passed.filter(|_| !far);
-                } else if (0.0..NOTICED_M).contains(&ahead_m) {
+                let here = kerb.walkway == walker.way && (0.0..NOTICED_M).contains(&ahead_m);
+                if here && !walker.passed.contains(&crossing) {
                     noticed = Some(Leg { crossing, end });
                 }
             }
         }
+        let kerbs = &self.kerbs;
         let walker = &mut self.walkers[i];
-        walker.passed = passed;
+        // Far from a crossing, it may be chosen again.
+        walker.passed.retain(|&crossing| {
+            let mut ends = kerbs[crossing].iter().flatten();
+            ends.any(|kerb| (kerb.at - walker.at).norm() < 3.0 * NOTICED_M)
+        });
         if let Some(leg) = noticed {
-            walker.passed = Some(leg.crossing);
+            walker.passed.push(leg.crossing);
             if self.random.random_bool(SHARE_WHO_CROSS) {
                 let limit_m = self.ways[self.walkways + leg.crossing].limit_m;
                 let right_m = self.random.random_range(0.3..=limit_m.max(0.4));

@@ -103,7 +103,7 @@ impl Crowd {
                 travelled_m: 0.0,
                 stuck_s: 0.0,
                 intent: Intent::Stroll,
-                passed: None,
+                passed: Vec::new(),
             });
             return;
         }
