@@ -25,6 +25,7 @@ mod gate;
 mod kind;
 mod path;
 mod road;
+mod shared;
 mod track;
 mod walk;
 
@@ -44,7 +45,7 @@ use walk::Crowd;
 const STEP_S: f64 = 0.05;
 const STEPS_PER_SAMPLE: u32 = 2;
 /// No plan is simulated for longer: its tracks would not fit into memory.
-const LONGEST: Duration = Duration::from_secs(3600);
+const LONGEST: Duration = Duration::from_hours(1);
 
 /// What a scene asks for. All in the ground plane, x east and y north, in metres.
 #[derive(Clone, Debug, PartialEq)]
@@ -74,7 +75,7 @@ impl Default for Plan {
             signals: Vec::new(),
             obstacles: Vec::new(),
             agents: Agents::default(),
-            duration: Duration::from_secs(180),
+            duration: Duration::from_mins(3),
         }
     }
 }

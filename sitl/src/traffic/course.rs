@@ -129,6 +129,11 @@ impl Course {
         self.length_m
     }
 
+    /// Length of the longest vehicle in traffic.
+    pub(super) fn longest_m(&self) -> f64 {
+        self.largest.x
+    }
+
     /// The top speed of that kind there.
     pub(super) fn speed_mps(&self, kind: Kind, along_m: f64) -> f64 {
         let speeds = &self.speeds[kind.index()];
@@ -210,7 +215,10 @@ impl Course {
                 Slice {
                     along_m,
                     middle,
-                    half_m: (left_m + right_m) / 2.0 + overhang(self.largest.x, bend) + MARGIN_M,
+                    heading_rad: pose.heading_rad,
+                    half_m: f64::midpoint(left_m, right_m)
+                        + overhang(self.largest.x, bend)
+                        + MARGIN_M,
                 }
             })
             .collect()
@@ -221,6 +229,7 @@ impl Course {
 pub(super) struct Slice {
     pub(super) along_m: f64,
     pub(super) middle: Vector2<f64>,
+    pub(super) heading_rad: f64,
     pub(super) half_m: f64,
 }
 

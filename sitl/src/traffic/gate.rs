@@ -11,6 +11,7 @@ use nalgebra::Vector2;
 
 use super::course::{Course, Slice, beside};
 use super::path::angle;
+use super::shared::{Shared, beyond_m, longest_run};
 use super::{Crossing, Signal};
 
 /// Slices of a lane are this far apart at most.
@@ -54,29 +55,124 @@ pub(super) struct Span {
     pub(super) to_m: f64,
 }
 
-/// The gates of all pairs of lanes, and of lanes with themselves.
-pub(super) fn junctions(courses: &[Course], gates: &mut Vec<Gate>) {
+/// Adds the gates of all pairs of lanes, and of lanes with themselves, and returns the stretches that pairs share.
+pub(super) fn junctions(courses: &[Course], gates: &mut Vec<Gate>) -> Vec<Shared> {
     let corridors: Vec<Vec<Slice>> = courses.iter().map(Course::corridor).collect();
+    let mut all_shared = Vec::new();
     for a in 0..courses.len() {
         for b in a..courses.len() {
             let own = (a == b).then_some(&courses[a]);
             for meeting in meetings(&corridors[a], &corridors[b], own) {
-                let first = gates.len();
-                for (lane, [low, high], rival) in
-                    [(a, meeting.rows, first + 1), (b, meeting.columns, first)]
-                {
-                    gates.push(Gate {
-                        lane,
-                        start_m: corridors[lane][low].along_m - SLICE_M,
-                        end_m: corridors[lane][high].along_m + SLICE_M,
-                        kind: GateKind::Junction {
-                            rivals: vec![rival],
-                        },
-                    });
+                let lanes = [
+                    Side::new([a, meeting.rows[0], meeting.rows[1]], courses, &corridors),
+                    Side::new(
+                        [b, meeting.columns[0], meeting.columns[1]],
+                        courses,
+                        &corridors,
+                    ),
+                ];
+                match shared_stretch(&lanes).filter(|_| a != b) {
+                    None => add_rivals(gates, [0, 1].map(|k| (lanes[k].lane, lanes[k].whole()))),
+                    Some((shared, ends)) => {
+                        for bounds in ends.into_iter().flatten() {
+                            add_rivals(gates, [0, 1].map(|k| (lanes[k].lane, bounds[k])));
+                        }
+                        all_shared.push(shared);
+                    }
                 }
             }
         }
     }
+    all_shared
+}
+
+fn add_rivals(gates: &mut Vec<Gate>, sides: [(usize, [f64; 2]); 2]) {
+    let first = gates.len();
+    for ((lane, [start_m, end_m]), rival) in sides.into_iter().zip([first + 1, first]) {
+        gates.push(Gate {
+            lane,
+            start_m,
+            end_m,
+            kind: GateKind::Junction {
+                rivals: vec![rival],
+            },
+        });
+    }
+}
+
+/// One of the two lanes of a meeting.
+struct Side<'a> {
+    lane: usize,
+    course: &'a Course,
+    corridor: &'a [Slice],
+    /// The slices that meet the other lane, first and last.
+    slices: [usize; 2],
+}
+
+impl<'a> Side<'a> {
+    fn new(
+        [lane, first, last]: [usize; 3],
+        courses: &'a [Course],
+        corridors: &'a [Vec<Slice>],
+    ) -> Self {
+        Self {
+            lane,
+            course: &courses[lane],
+            corridor: &corridors[lane],
+            slices: [first, last],
+        }
+    }
+
+    /// From where to where it meets the other.
+    fn whole(&self) -> [f64; 2] {
+        let [first, last] = self.slices.map(|i| self.corridor[i].along_m);
+        [first - SLICE_M, last + SLICE_M]
+    }
+
+    fn starts_with(&self, slice: usize) -> bool {
+        slice == 0 && !self.course.path().is_closed()
+    }
+
+    fn ends_with(&self, slice: usize) -> bool {
+        slice + 1 == self.corridor.len() && !self.course.path().is_closed()
+    }
+}
+
+/// From where to where a gate is on each of two lanes.
+type Bounds = [[f64; 2]; 2];
+
+/// The stretch that the lanes of a meeting share, if it is long enough, and the gates before and behind it.
+///
+/// No gate is before it if both lanes begin there. If only one does, its vehicles would come in among those of the
+/// other, and nothing is shared. No gate is behind it if either ends there.
+fn shared_stretch(lanes: &[Side<'_>; 2]) -> Option<(Shared, [Option<Bounds>; 2])> {
+    let [a, b] = lanes;
+    let run = longest_run((a.corridor, a.slices), (b.corridor, b.slices))?;
+    let runs = [run.rows, run.columns];
+    let clear_m = a.course.longest_m() + 2.0;
+    let length_m = a.corridor[run.rows[1]].along_m - a.corridor[run.rows[0]].along_m;
+    let starts = [0, 1].map(|k| lanes[k].starts_with(runs[k][0]));
+    if length_m < 2.0 * clear_m + 10.0 || starts[0] != starts[1] {
+        return None;
+    }
+    let first = [0, 1].map(|k| &lanes[k].corridor[runs[k][0]]);
+    let from_m = [
+        first[0].along_m,
+        first[1].along_m + beyond_m(first[0], first[1]),
+    ];
+    let ends = (0..2).any(|k| lanes[k].ends_with(runs[k][1]));
+    let whole = [0, 1].map(|k| lanes[k].whole());
+    let before = [0, 1].map(|k| [whole[k][0], from_m[k] + clear_m]);
+    let behind = [0, 1].map(|k| [from_m[k] + length_m - clear_m, whole[k][1]]);
+    let shared = Shared {
+        lanes: [a.lane, b.lane],
+        from_m,
+        length_m,
+    };
+    Some((
+        shared,
+        [(!starts[0]).then_some(before), (!ends).then_some(behind)],
+    ))
 }
 
 /// A stretch of one corridor and a stretch of another that come too near to each other, by their first and last slices.
@@ -209,5 +305,62 @@ impl Signal {
     /// Whether vehicles may pass.
     pub fn is_green(&self, now_s: f64) -> bool {
         (now_s - self.green_from_s).rem_euclid(self.cycle_s) < self.green_for_s
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::traffic::{Agents, Lane, Path};
+
+    /// The gates of two lanes for cars, and what these share.
+    fn between(lanes: [&[[f64; 2]]; 2]) -> (Vec<Gate>, Vec<Shared>) {
+        let agents = Agents {
+            cars: 1,
+            ..Agents::default()
+        };
+        let course = |points| {
+            let lane = Lane {
+                path: Path::open(points, 8.0),
+                width_m: 3.5,
+                speed_limit_mps: 14.0,
+            };
+            Course::new(&lane, &agents)
+        };
+        let mut gates = Vec::new();
+        let shared = junctions(&lanes.map(course), &mut gates);
+        (gates, shared)
+    }
+
+    const STREET: &[[f64; 2]] = &[[-100.0, 0.0], [100.0, 0.0]];
+
+    #[test]
+    fn lanes_that_cross_have_rival_gates_there() {
+        let (gates, shared) = between([STREET, &[[20.0, -50.0], [20.0, 50.0]]]);
+        assert!(shared.is_empty() && gates.len() == 2);
+        for (gate, expected_m) in gates.iter().zip([120.0, 50.0]) {
+            let [before_m, behind_m] = [expected_m - gate.start_m, gate.end_m - expected_m];
+            // Two halves of 1.8 m, margins, and up to two metres of rounding.
+            assert!(
+                (2.0..4.5).contains(&before_m) && (2.0..4.5).contains(&behind_m),
+                "{gate:?}"
+            );
+        }
+    }
+
+    #[test]
+    fn lanes_side_by_side_have_no_gates() {
+        let (gates, shared) = between([STREET, &[[100.0, 3.5], [-100.0, 3.5]]]);
+        assert!(gates.is_empty() && shared.is_empty());
+    }
+
+    #[test]
+    fn a_lane_that_turns_into_another_shares_it_behind_a_gate() {
+        let (gates, shared) = between([STREET, &[[20.0, -50.0], [20.0, 0.0], [100.0, 0.0]]]);
+        assert_eq!((gates.len(), shared.len()), (2, 1));
+        // The arc ends 8 m behind the corner; 0.2 m aside of the street is near enough.
+        assert!((124.0..129.0).contains(&shared[0].from_m[0]), "{shared:?}");
+        assert!((71.0..78.0).contains(&shared[0].length_m), "{shared:?}");
+        assert!(gates[0].end_m < 140.0, "{gates:?}");
     }
 }

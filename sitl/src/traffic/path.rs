@@ -94,17 +94,17 @@ impl Path {
             angle(side(0))
         };
         if closed {
-            for i in 0..count {
+            for (i, &corner) in corners.iter().enumerate() {
                 let sides = [side(i + count - 1), side(i)];
-                heading_rad = path.push_corner(corners[i], sides, heading_rad, radius_m);
+                heading_rad = path.push_corner(corner, sides, heading_rad, radius_m);
             }
             let first = path.vertices[0].at;
             path.push(first, heading_rad);
         } else {
             path.push(corners[0], heading_rad);
-            for i in 1..count - 1 {
+            for (i, &corner) in corners.iter().enumerate().take(count - 1).skip(1) {
                 let sides = [side(i - 1), side(i)];
-                heading_rad = path.push_corner(corners[i], sides, heading_rad, radius_m);
+                heading_rad = path.push_corner(corner, sides, heading_rad, radius_m);
             }
             path.push(corners[count - 1], heading_rad);
         }
@@ -210,7 +210,7 @@ impl Path {
         for (i, vertex) in self.vertices.iter().enumerate() {
             let at = vertex.at + left_of(vertex.heading_rad) * left_m;
             let forwards = path.vertices.last().is_none_or(|before| {
-                let middle_rad = (before.heading_rad + vertex.heading_rad) / 2.0;
+                let middle_rad = f64::midpoint(before.heading_rad, vertex.heading_rad);
                 (at - before.at).dot(&direction(middle_rad)) > 0.0
             });
             if i == last && self.closed {
@@ -281,6 +281,7 @@ impl Path {
 
 /// Where a path is nearest to a point.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[expect(clippy::struct_field_names, reason = "the unit is part of each name")]
 pub struct Nearest {
     /// From the start of the path.
     pub along_m: f64,

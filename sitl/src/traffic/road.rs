@@ -20,6 +20,7 @@ use super::STEP_S;
 use super::course::Course;
 use super::gate::{Gate, Span};
 use super::kind::{Kind, Manner};
+use super::shared::Shared;
 use super::track::{State, Track};
 
 /// Least gap between two vehicles.
@@ -36,6 +37,8 @@ pub(super) struct Road {
     /// The gates of each lane.
     gates_of: Vec<Vec<usize>>,
     vehicles: Vec<Vehicle>,
+    /// Stretches of which two lanes have a part.
+    shared: Vec<Shared>,
     /// The vehicles of each lane.
     members: Vec<Vec<usize>>,
     /// Who holds each gate.
@@ -157,7 +160,7 @@ impl Road {
         let wanted = speed + pull.max(-HARDEST_MPS2) * STEP_S;
         let limit = self.free_speed(vehicle, vehicle.along_m + speed * STEP_S);
         let next = wanted.min(limit).max(0.0);
-        let mut way_m = (speed + next) / 2.0 * STEP_S;
+        let mut way_m = f64::midpoint(speed, next) * STEP_S;
         let room_m = leader.map_or(f64::INFINITY, |leader| leader.gap_m - NEAREST_M);
         let room_m = room_m.min(stop_m.unwrap_or(f64::INFINITY));
         let mut next_mps = next;
@@ -193,25 +196,40 @@ impl Road {
     fn leader(&self, i: usize) -> Option<Leader> {
         let vehicle = &self.vehicles[i];
         let course = &self.courses[vehicle.lane];
-        self.members[vehicle.lane]
-            .iter()
-            .map(|&j| (j, &self.vehicles[j]))
-            .filter(|&(j, other)| j != i && other.drives() && self.in_the_way(vehicle, other))
-            .filter_map(|(_, other)| {
-                let ahead_m = course.ahead_m(vehicle.along_m, other.along_m)?;
+        self.others(i)
+            .filter(|(other, _)| self.in_the_way(vehicle, other))
+            .filter_map(|(other, along_m)| {
+                let ahead_m = course.ahead_m(vehicle.along_m, along_m)?;
                 Some(Leader {
-                    gap_m: ahead_m - (vehicle.length_m() + other.length_m()) / 2.0,
+                    gap_m: ahead_m - f64::midpoint(vehicle.length_m(), other.length_m()),
                     speed_mps: other.speed_mps,
                 })
             })
             .min_by(|a, b| a.gap_m.total_cmp(&b.gap_m))
     }
 
+    /// All others who drive on its lane, or on a stretch that this lane shares with theirs, and where on its lane they are.
+    fn others(&self, i: usize) -> impl Iterator<Item = (&Vehicle, f64)> {
+        let lane = self.vehicles[i].lane;
+        let members = self.members[lane].iter().filter(move |&&j| j != i);
+        let on_lane = members.map(|&j| (&self.vehicles[j], self.vehicles[j].along_m));
+        let shared = self.shared.iter().flat_map(move |shared| {
+            let lanes = shared.lanes.iter().filter(move |&&other| other != lane);
+            let visitors = lanes.flat_map(|&other| &self.members[other]);
+            visitors.filter_map(move |&j| {
+                let visitor = &self.vehicles[j];
+                let along_m = shared.on_lane(lane, visitor.lane, visitor.along_m)?;
+                Some((visitor, along_m))
+            })
+        });
+        on_lane.chain(shared).filter(|(other, _)| other.drives())
+    }
+
     /// Whether there is too little room for one to pass the other on their lane.
     fn in_the_way(&self, a: &Vehicle, b: &Vehicle) -> bool {
         let course = &self.courses[a.lane];
         let swept_m = course.swept_m(a.kind) + course.swept_m(b.kind);
-        let needed_m = (a.size_m[1] + b.size_m[1]) / 2.0 + swept_m + PASSING_M;
+        let needed_m = f64::midpoint(a.size_m[1], b.size_m[1]) + swept_m + PASSING_M;
         (a.left_m - b.left_m).abs() < needed_m
     }
 
@@ -231,7 +249,7 @@ impl Road {
         let leader_m = self.leader(i).map_or(f64::INFINITY, |leader| leader.gap_m);
         let room_m = leader_m - manner.standstill_gap_m;
         let free_mps = self.free_speed(&self.vehicles[i], 0.0);
-        if room_m < 2.0 || !self.enters_gates(i, closed) {
+        if room_m < 2.0 || !self.enters_gates(i, now_s, closed) {
             self.vehicles[i].away_until_s = Some(until_s);
             return;
         }

@@ -17,8 +17,10 @@ use crate::traffic::gate::GateKind;
 const LINE_M: f64 = 1.0;
 /// Braking that nobody minds, in m/s².
 const COMFORTABLE_MPS2: f64 = 2.5;
-/// After this long, those who came later leave the way to who waits.
+/// After this long, those who came later leave the way to who waits. But once in so long, for this long, they do not: who
+/// waits may wait for room that only they can make.
 const PATIENCE_S: f64 = 4.0;
+const COURTESY_S: f64 = 20.0;
 /// A closed gate is not minded from beyond the braking distance at this deceleration, in m/s².
 const ANTICIPATION_MPS2: f64 = 1.0;
 
@@ -112,12 +114,11 @@ impl Road {
     }
 
     /// Claims the gates that a vehicle stands in as it comes in at the start of an open lane; if it cannot, it has none.
-    pub(super) fn enters_gates(&mut self, i: usize, closed: &[bool]) -> bool {
+    pub(super) fn enters_gates(&mut self, i: usize, now_s: f64, closed: &[bool]) -> bool {
         let inside = self.gates_inside(i);
-        let free = inside.iter().all(|next| {
-            // Before its first step the time does not matter: signals have no extent to stand in.
-            self.is_open(i, next.gate, 0.0, closed)
-        });
+        let free = inside
+            .iter()
+            .all(|next| self.is_open(i, next.gate, now_s, closed));
         if free {
             for next in &inside {
                 self.claim(i, next);
@@ -238,7 +239,7 @@ impl Road {
             let waits = self.vehicles[j].waiting.as_ref();
             let wants = waits.is_some_and(|waiting| waiting.gates.contains(&rival));
             let first = (since(j), j) < (since(i), i);
-            j != i && wants && first && now_s - since(j) > PATIENCE_S
+            j != i && wants && first && (now_s - since(j)) % COURTESY_S > PATIENCE_S
         })
     }
 
@@ -254,12 +255,10 @@ impl Road {
             })
     }
 
-    /// Notes what a vehicle waits for, once it stands, if others hold it; who waits for room keeps nobody.
+    /// Notes what a vehicle waits for, once it stands and others hold it.
     fn wait(&mut self, i: usize, chain: &[Ahead], now_s: f64, open: bool) {
         let vehicle = &mut self.vehicles[i];
-        if open || vehicle.speed_mps > 1.0 {
-            vehicle.waiting = None;
-        } else if vehicle.waiting.is_none() {
+        if !open && vehicle.speed_mps < 1.0 && vehicle.waiting.is_none() {
             vehicle.waiting = Some(Waiting {
                 gates: chain.iter().map(|next| next.gate).collect(),
                 since_s: now_s,

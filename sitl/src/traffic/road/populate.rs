@@ -22,7 +22,7 @@ impl Road {
         let course = |lane| Course::new(lane, &plan.agents);
         let courses: Vec<Course> = plan.lanes.iter().map(course).collect();
         let mut gates = Vec::new();
-        gate::junctions(&courses, &mut gates);
+        let shared = gate::junctions(&courses, &mut gates);
         gate::signals(&plan.signals, &courses, &mut gates);
         let crossings = plan.crossings.iter();
         let spans = crossings
@@ -38,6 +38,7 @@ impl Road {
             courses,
             gates,
             gates_of,
+            shared,
             vehicles: Vec::new(),
             spans,
             random: Pcg64::seed_from_u64(random.random()),
@@ -149,19 +150,20 @@ impl Road {
     fn fits(&self, i: usize) -> bool {
         let vehicle = &self.vehicles[i];
         let course = &self.courses[vehicle.lane];
-        let clear = |&j: &usize| {
-            let other = &self.vehicles[j];
-            let bodies_m = (vehicle.length_m() + other.length_m()) / 2.0;
-            let gap_m = bodies_m
-                + vehicle
-                    .manner
-                    .standstill_gap_m
-                    .max(other.manner.standstill_gap_m);
-            let far = |from_m, to_m| course.ahead_m(from_m, to_m).is_none_or(|d| d > gap_m);
-            let apart = far(vehicle.along_m, other.along_m) && far(other.along_m, vehicle.along_m);
-            j == i || !other.drives() || !self.in_the_way(vehicle, other) || apart
+        let clear = |(other, along_m): (&Vehicle, f64)| {
+            let bodies_m = f64::midpoint(vehicle.length_m(), other.length_m());
+            let gap_m = vehicle
+                .manner
+                .standstill_gap_m
+                .max(other.manner.standstill_gap_m);
+            let far = |from_m, to_m| {
+                let ahead_m = course.ahead_m(from_m, to_m);
+                ahead_m.is_none_or(|ahead_m| ahead_m > bodies_m + gap_m)
+            };
+            let apart = far(vehicle.along_m, along_m) && far(along_m, vehicle.along_m);
+            apart || !self.in_the_way(vehicle, other)
         };
-        !self.touches_gate(i) && self.members[vehicle.lane].iter().all(clear)
+        !self.touches_gate(i) && self.others(i).all(clear)
     }
 
     /// What is left of a closed lane once everyone on it stands, beyond what they need to clear its gates.
