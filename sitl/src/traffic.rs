@@ -97,8 +97,9 @@ pub struct Agents {
 
 /// A lane, driven in the direction of its path.
 ///
-/// On an open one, who reaches the end is away for some seconds and then comes again at the start; so both ends are best
-/// out of sight. Vehicles come and go with their middle at the ends, so that half a length beyond them must be free.
+/// On an open one, who reaches the end is away for some seconds and then comes again at the start; so both ends are
+/// best out of sight. Vehicles come and go with their middle at the ends, so that half a length beyond them must be
+/// free.
 ///
 /// Lanes side by side are to be 3 m apart. Where they cross, join or come closer, vehicles of one wait for those of the
 /// other; so lanes that share a stretch should share a short one.
@@ -186,8 +187,8 @@ pub struct Traffic {
 }
 
 impl Traffic {
-    /// Lets everyone in the plan move. 30 vehicles and 30 people for 180 s take about 0.1 s of processor time, half of it
-    /// for people who choose their way.
+    /// Lets everyone in the plan move. 30 vehicles and 30 people for 180 s take about 0.1 s of processor time, half of
+    /// it for people who choose their way; the cost grows with the square of how many are on a lane or on foot.
     pub fn generate(plan: &Plan, seed: u64) -> Self {
         let mut random = Pcg64::seed_from_u64(seed);
         let mut road = Road::new(plan, &mut random);

@@ -8,7 +8,7 @@
 //! where `f(α)` is how far they get in the direction `α` until they would touch someone, as these move now, or
 //! something, and `α₀` leads to the goal.
 //!
-//! - M. Moussaïd, D. Helbing, G. Theraulaz, PNAS 108, 2011, Eq. (1) and (2).
+//! - M. Moussaïd, D. Helbing, G. Theraulaz, PNAS 108, 2011.
 
 use nalgebra::{Rotation2, Vector2};
 
@@ -95,7 +95,7 @@ pub(super) fn choose(view: &View<'_>) -> Choice {
     best
 }
 
-/// Eq. (1): the squared distance to the goal from where the direction ends.
+/// The squared distance to the goal from where the direction ends.
 fn cost(choice: Choice, wanted_rad: f64) -> f64 {
     let f = choice.free_m;
     SIGHT_M * SIGHT_M + f * f - 2.0 * SIGHT_M * f * (wanted_rad - choice.heading_rad).cos()

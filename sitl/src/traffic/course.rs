@@ -188,8 +188,8 @@ impl Course {
         }
     }
 
-    /// The middle of what vehicles sweep there, half its width, and the distance along the lane, every metre from before
-    /// the first vehicle's tail to beyond the last one's nose.
+    /// The middle of what vehicles sweep there, half its width, and the distance along the lane, every metre from
+    /// before the first vehicle's tail to beyond the last one's nose.
     pub(super) fn corridor(&self) -> Vec<Slice> {
         let beyond_m = if self.path.is_closed() || self.length_m <= 0.0 {
             0.0

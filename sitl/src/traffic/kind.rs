@@ -1,7 +1,9 @@
 //! Who takes part in traffic, how large they are and how they move.
 //!
-//! - M. Treiber, A. Kesting, *Traffic Flow Dynamics*, Springer 2013, Table 11.2: parameters of the Intelligent Driver
-//!   Model for city traffic. Its acceleration of 1.0 m/s² is a cautious driver's; cars get 1.4 here, within the range the book gives.
+//! Sizes are typical ones. Of the driver model's parameters, the gaps and headways are near those its authors give for
+//! town; accelerations are chosen so that streets look lively and nobody brakes hard.
+//!
+//! - M. Treiber, A. Kesting, *Traffic Flow Dynamics*, Springer 2013, ch. 11: the Intelligent Driver Model.
 //! - U. Weidmann, *Transporttechnik der Fussgänger*, ETH Zürich 1993: people walk at 1.34 m/s, standard deviation 0.26.
 
 /// A kind of road user.

@@ -4,11 +4,12 @@
 //! v̇ = a·(1 - (v/v₀)⁴ - (s*/s)²)      s* = s₀ + max(0, v·T + v·Δv/(2√(a·b)))
 //! ```
 //!
-//! with the gap `s` to the one ahead, the speed `Δv` at which it closes, and the lane's speed there as `v₀`. A gate that
-//! stays closed is one ahead that stands. Whatever the equation says, nobody drives nearer to the one ahead than
+//! with the gap `s` to the one ahead, the speed `Δv` at which it closes, and the lane's speed there as `v₀`. A gate
+//! that stays closed is one ahead that stands. Whatever the equation says, nobody drives nearer to the one ahead than
 //! [`NEAREST_M`], nor over the line of a gate they do not hold (`claim`).
 //!
-//! - M. Treiber, A. Hennecke, D. Helbing, Physical Review E 62, 2000, Eq. (3) and (4).
+//! - M. Treiber, A. Hennecke, D. Helbing, Physical Review E 62, 2000; with the maximum as in M. Treiber, A. Kesting,
+//!   *Traffic Flow Dynamics*, Springer 2013, ch. 11.
 
 mod claim;
 mod populate;
@@ -208,7 +209,8 @@ impl Road {
             .min_by(|a, b| a.gap_m.total_cmp(&b.gap_m))
     }
 
-    /// All others who drive on its lane, or on a stretch that this lane shares with theirs, and where on its lane they are.
+    /// All others who drive on its lane, or on a stretch that this lane shares with theirs, and where on its lane they
+    /// are.
     fn others(&self, i: usize) -> impl Iterator<Item = (&Vehicle, f64)> {
         let lane = self.vehicles[i].lane;
         let members = self.members[lane].iter().filter(move |&&j| j != i);

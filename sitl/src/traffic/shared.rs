@@ -23,8 +23,8 @@ pub(super) struct Shared {
 }
 
 impl Shared {
-    /// Where a place of the other lane is on this one, from the start of this lane. `None` if it is not on the stretch, or
-    /// this lane has no part in it.
+    /// Where a place of the other lane is on this one, from the start of this lane. `None` if it is not on the stretch,
+    /// or this lane has no part in it.
     pub(super) fn on_lane(&self, lane: usize, other: usize, along_m: f64) -> Option<f64> {
         let (this, that) = match self.lanes {
             [a, b] if [a, b] == [lane, other] => (0, 1),

@@ -17,8 +17,8 @@ use crate::traffic::gate::GateKind;
 const LINE_M: f64 = 1.0;
 /// Braking that nobody minds, in m/s².
 const COMFORTABLE_MPS2: f64 = 2.5;
-/// After this long, those who came later leave the way to who waits. But once in so long, for this long, they do not: who
-/// waits may wait for room that only they can make.
+/// After this long, those who came later leave the way to who waits. But once in so long, for this long, they do not:
+/// who waits may wait for room that only they can make.
 const PATIENCE_S: f64 = 4.0;
 const COURTESY_S: f64 = 20.0;
 /// A closed gate is not minded from beyond the braking distance at this deceleration, in m/s².
@@ -33,8 +33,8 @@ struct Ahead {
 }
 
 impl Road {
-    /// How far a vehicle may go until the line of a gate it does not hold, after it has claimed what it needs. `None` if
-    /// nothing stops it within sight.
+    /// How far a vehicle may go until the line of a gate it does not hold, after it has claimed what it needs. `None`
+    /// if nothing stops it within sight.
     pub(super) fn distance_to_stop(
         &mut self,
         i: usize,
@@ -113,7 +113,8 @@ impl Road {
         }
     }
 
-    /// Claims the gates that a vehicle stands in as it comes in at the start of an open lane; if it cannot, it has none.
+    /// Claims the gates that a vehicle stands in as it comes in at the start of an open lane; if it cannot, it has
+    /// none.
     pub(super) fn enters_gates(&mut self, i: usize, now_s: f64, closed: &[bool]) -> bool {
         let inside = self.gates_inside(i);
         let free = inside

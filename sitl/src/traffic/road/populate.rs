@@ -109,8 +109,8 @@ impl Road {
         }
     }
 
-    /// Puts a vehicle on its lane, at that share of its length or farther on. One that does not fit comes in later on an
-    /// open lane, and is left out on a closed one.
+    /// Puts a vehicle on its lane, at that share of its length or farther on. One that does not fit comes in later on
+    /// an open lane, and is left out on a closed one.
     fn place(&mut self, vehicle: Vehicle, share: f64) {
         let (lane, i) = (vehicle.lane, self.vehicles.len());
         let (length_m, closed) = {

@@ -113,7 +113,8 @@ pub(super) fn block(cars: u16) -> Plan {
     }
 }
 
-/// A street that people cross beside a side street: one lane comes out of it and turns into the street, one leads into it.
+/// A street that people cross beside a side street: one lane comes out of it and turns into the street, one leads into
+/// it.
 pub(super) fn corner() -> Plan {
     let walkway = |y: f64, from: f64, to: f64| Walkway {
         path: Path::open(&[[from, y], [to, y]], 1.0),
