@@ -62,6 +62,8 @@ pub struct Plan {
     pub obstacles: Vec<Obstacle>,
     /// How many are on their way.
     pub agents: Agents,
+    /// A vehicle of ours among them.
+    pub guest: Option<Guest>,
     /// How long it goes on, at most an hour. Tracks end then.
     pub duration: Duration,
 }
@@ -75,9 +77,20 @@ impl Default for Plan {
             signals: Vec::new(),
             obstacles: Vec::new(),
             agents: Agents::default(),
+            guest: None,
             duration: Duration::from_mins(3),
         }
     }
+}
+
+/// A [`Kind::Robot`] that starts at rest in a place of its own and drives to the end of its lane, where it stays. Its track is
+/// the first.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Guest {
+    /// On which lane, by its place in the plan.
+    pub lane: usize,
+    /// Where its middle is at first, from the start of the lane.
+    pub at_m: f64,
 }
 
 /// How many there are of each kind. Those for whom there is no room are left out.

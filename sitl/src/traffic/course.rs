@@ -163,7 +163,7 @@ impl Course {
     pub(super) fn left_m(&self, kind: Kind) -> f64 {
         match kind {
             Kind::Cyclist | Kind::Pedestrian => -(self.width_m / 2.0 - 0.5).max(0.0),
-            Kind::Car | Kind::Truck | Kind::Bus => 0.0,
+            Kind::Car | Kind::Truck | Kind::Bus | Kind::Robot => 0.0,
         }
     }
 

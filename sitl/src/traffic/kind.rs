@@ -19,6 +19,8 @@ pub enum Kind {
     Cyclist,
     /// Someone on foot.
     Pedestrian,
+    /// A small ground vehicle of ours: slow, and careful.
+    Robot,
 }
 
 /// How someone likes to move.
@@ -50,6 +52,7 @@ impl Kind {
             Self::Bus => [11.5, 2.5, 3.1],
             Self::Cyclist => [1.8, 0.6, 1.75],
             Self::Pedestrian => [0.3, 0.48, 1.72],
+            Self::Robot => [1.2, 0.9, 1.3],
         }
     }
 
@@ -86,6 +89,13 @@ impl Kind {
                 lateral_mps2: 1.5,
                 ..car
             },
+            Self::Robot => Manner {
+                desired_speed_mps: 3.0,
+                acceleration_mps2: 1.0,
+                braking_mps2: 1.5,
+                lateral_mps2: 1.0,
+                ..car
+            },
             Self::Pedestrian => Manner {
                 desired_speed_mps: 1.34,
                 acceleration_mps2: 2.0,
@@ -95,10 +105,11 @@ impl Kind {
         }
     }
 
-    /// Where in its tables a vehicle's kind stands; pedestrians share the cyclists' place and never ask.
+    /// Where in its tables a vehicle's kind stands. What is slow everywhere shares the cars' place; pedestrians share the
+    /// cyclists' and never ask.
     pub(super) fn index(self) -> usize {
         match self {
-            Self::Car => 0,
+            Self::Car | Self::Robot => 0,
             Self::Truck => 1,
             Self::Bus => 2,
             Self::Cyclist | Self::Pedestrian => 3,

@@ -145,7 +145,11 @@ impl Road {
 
     fn drive(&mut self, i: usize, now_s: f64, closed: &[bool]) {
         let leader = self.leader(i);
-        let stop_m = self.distance_to_stop(i, now_s, closed);
+        let gate_m = self.distance_to_stop(i, now_s, closed);
+        let stop_m = gate_m
+            .into_iter()
+            .chain(self.stays_in_m(i))
+            .reduce(f64::min);
         let vehicle = &self.vehicles[i];
         let (manner, speed) = (vehicle.manner, vehicle.speed_mps);
         let free_mps = self.free_speed(vehicle, vehicle.along_m);
@@ -170,6 +174,14 @@ impl Road {
             next_mps = next.min(way_m / STEP_S);
         }
         self.advance(i, way_m, next_mps, now_s);
+    }
+
+    /// How far it is to the end of the lane, for a guest, who stays there.
+    fn stays_in_m(&self, i: usize) -> Option<f64> {
+        let vehicle = &self.vehicles[i];
+        let course = &self.courses[vehicle.lane];
+        let stays = vehicle.kind == Kind::Robot && !course.path().is_closed();
+        stays.then(|| (course.length_m() - vehicle.along_m - vehicle.length_m()).max(0.0))
     }
 
     fn advance(&mut self, i: usize, way_m: f64, speed_mps: f64, now_s: f64) {

@@ -386,6 +386,10 @@ fn plans_without_sense_give_little_traffic_and_no_panic() {
                 centre: [f64::NAN; 2],
                 radius_m: -1.0,
             }],
+            guest: Some(Guest {
+                lane: 0,
+                at_m: f64::NAN,
+            }),
             agents: Agents {
                 cars: 3,
                 buses: 2,
@@ -400,5 +404,36 @@ fn plans_without_sense_give_little_traffic_and_no_panic() {
                 assert!(state.position.iter().all(|x| x.is_finite()), "{state:?}");
             }
         }
+    }
+}
+
+#[test]
+fn a_guest_starts_at_rest_where_it_is_asked_and_stays_at_the_end_of_its_lane() {
+    let lane = 0;
+    let at_m = 40.0;
+    let plan = Plan {
+        guest: Some(Guest { lane, at_m }),
+        ..street(MANY)
+    };
+    for seed in 0..3 {
+        check_nothing_overlaps("street with a guest", &plan, seed);
+        let traffic = Traffic::generate(&plan, seed);
+        let guest = &traffic.tracks[0];
+        assert_eq!(guest.kind, Kind::Robot);
+        let path = &plan.lanes[lane].path;
+        let start = guest.state(Stamp::ZERO).expect("there from the start");
+        assert!((path.nearest(start.position).along_m - at_m).abs() < 0.01);
+        let places: Vec<f64> = times(&plan, 1000)
+            .map_while(|at| guest.state(at))
+            .map(|state| path.nearest(state.position).along_m)
+            .collect();
+        assert!(places.len() > 170, "never away: {}", places.len());
+        assert!(places.is_sorted_by(|a, b| a <= &(b + 1e-3)));
+        let last = places.last().expect("places");
+        assert!(
+            path.length_m() - last < 3.0,
+            "seed {seed}: {last} m of {}",
+            path.length_m()
+        );
     }
 }

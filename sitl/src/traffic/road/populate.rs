@@ -43,6 +43,17 @@ impl Road {
             spans,
             random: Pcg64::seed_from_u64(random.random()),
         };
+        if let Some(guest) = plan.guest
+            && guest.lane < road.courses.len()
+        {
+            let mut vehicle = road.vehicle(Kind::Robot, guest.lane, random);
+            vehicle.manner = Kind::Robot.manner();
+            vehicle.size_m = Kind::Robot.size_m();
+            // A place that is no number is the start.
+            vehicle.along_m = guest.at_m.max(0.0).min(road.courses[guest.lane].length_m());
+            road.vehicles.push(vehicle);
+            road.members[guest.lane].push(0);
+        }
         for (lane, kinds) in road.shares(&plan.agents, random).into_iter().enumerate() {
             let count = kinds.len() as f64;
             for (k, kind) in kinds.into_iter().enumerate() {
@@ -52,7 +63,9 @@ impl Road {
             }
         }
         for i in 0..road.vehicles.len() {
-            road.vehicles[i].speed_mps = road.starting_speed(i);
+            if road.vehicles[i].kind != Kind::Robot {
+                road.vehicles[i].speed_mps = road.starting_speed(i);
+            }
         }
         road
     }
