@@ -22,8 +22,12 @@ use crate::render::Picture;
 const BASELINE_M: f32 = 0.095;
 /// One standard deviation of the disparity, in pixels.
 const DISPARITY_NOISE: f32 = 0.08;
-/// Nearest and farthest depth that is reported, in metres.
-const RANGE_M: [f32; 2] = [0.4, 6.0];
+/// Nearest depth that is reported, in metres.
+const NEAREST_M: f32 = 0.4;
+/// The farthest depth that is reported indoors: the range for which the camera is specified.
+pub const INDOORS_M: f32 = 6.0;
+/// The farthest depth that is reported outdoors, where textures are coarse and there is light enough; noise grows all the same.
+pub const OUTDOORS_M: f32 = 20.0;
 /// Neighbouring pixels share part of the noise: the matching window is about this many pixels wide.
 const WINDOW: f32 = 5.0;
 /// Beyond this angle to the surface (its cosine) there is no match.
@@ -44,13 +48,14 @@ pub fn d455() -> Pinhole {
     }
 }
 
-/// What the camera delivers of what there is to be seen.
-pub fn expose(picture: &Picture, camera: &Pinhole, seed: u64) -> RgbdFrame {
+/// What the camera delivers of what there is to be seen. Depth beyond `reach_m` is left out.
+pub fn expose(picture: &Picture, camera: &Pinhole, reach_m: f32, seed: u64) -> RgbdFrame {
     let moment = picture.at.as_nanos() ^ seed.rotate_left(32) ^ seed;
     let focal_baseline = camera.fx as f32 * BASELINE_M;
     let sensor = Sensor {
         picture,
         focal_baseline,
+        reach_m,
         hidden: shadows(picture, focal_baseline),
         seed: mix(mix(moment as u32) ^ (moment >> 32) as u32),
     };
@@ -76,6 +81,7 @@ struct Sensor<'a> {
     picture: &'a Picture,
     /// Disparity in pixels times depth in metres.
     focal_baseline: f32,
+    reach_m: f32,
     hidden: Vec<bool>,
     seed: u32,
 }
@@ -114,7 +120,7 @@ impl Sensor<'_> {
             |what| normal_field(x as f32 / WINDOW, y as f32 / WINDOW, self.seed ^ mix(what));
         let noise = DISPARITY_NOISE * (0.8 * window(3) + 0.6 * normal(self.random(i, 4)));
         let measured = self.focal_baseline / (self.focal_baseline / seen + noise);
-        if !(RANGE_M[0]..=RANGE_M[1]).contains(&measured) {
+        if !(NEAREST_M..=self.reach_m).contains(&measured) {
             return 0.0;
         }
         f32::from((measured * 1000.0 + 0.5) as u16) / 1000.0
@@ -143,7 +149,7 @@ impl Sensor<'_> {
             (i / self.picture.width) as f32,
         );
         let patch = value(x / 9.0, y / 9.0, self.seed ^ mix(7));
-        let lost = 0.05 + 0.09 * (depth_m / RANGE_M[1]).powi(2);
+        let lost = 0.05 + 0.09 * (depth_m / self.reach_m).powi(2);
         self.picture.facing[i] < GRAZING || patch < lost || unit(self.random(i, 8)) < 0.004
     }
 }
@@ -201,7 +207,7 @@ mod tests {
     }
 
     fn measured(depth_m: f32) -> Vec<f64> {
-        let frame = expose(&wall(depth_m), &d455(), 1);
+        let frame = expose(&wall(depth_m), &d455(), INDOORS_M, 1);
         frame
             .depth_m
             .iter()
@@ -245,7 +251,7 @@ mod tests {
                 *depth = 1.0;
             }
         }
-        let frame = expose(&picture, &d455(), 1);
+        let frame = expose(&picture, &d455(), INDOORS_M, 1);
         let seen = |columns: std::ops::Range<usize>| {
             let all =
                 (0..480).flat_map(|row| columns.clone().map(move |column| row * 640 + column));
@@ -260,13 +266,13 @@ mod tests {
     #[test]
     fn the_same_seed_and_moment_give_the_same_noise_and_others_do_not() {
         let picture = wall(2.0);
-        let frame = expose(&picture, &d455(), 1);
-        assert!(frame == expose(&picture, &d455(), 1));
-        assert!(frame != expose(&picture, &d455(), 2));
+        let frame = expose(&picture, &d455(), INDOORS_M, 1);
+        assert!(frame == expose(&picture, &d455(), INDOORS_M, 1));
+        assert!(frame != expose(&picture, &d455(), INDOORS_M, 2));
         let later = Picture {
             at: Stamp::from_nanos(2),
             ..picture
         };
-        assert!(frame.depth_m != expose(&later, &d455(), 1).depth_m);
+        assert!(frame.depth_m != expose(&later, &d455(), INDOORS_M, 1).depth_m);
     }
 }

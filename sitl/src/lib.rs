@@ -1,10 +1,11 @@
 //! A simulated world: scene, cameras, vehicles and their autopilots.
 //!
-//! - [`scene`], [`render`], [`depth_camera`], [`flight`], [`record`]: a room with people in it, seen by an RGB-D camera
-//!   on a drone, with exact truth.
+//! - [`scene`]: a room and five kinds of streets, generated from a seed; [`traffic`]: who moves in a street.
+//! - [`render`], [`rays`]: what cameras and rays meet; [`depth_camera`], [`lidar`]: what sensors make of it.
+//! - [`platform`], [`flight`]: where the sensors are; [`truth`]: what is really there; [`poster`]: all of it to look at.
+//! - [`record`]: the drone's camera in a file, with exact truth.
 //! - [`vehicle`]: how a quadrotor and a small car move, and what their sensors say.
 //! - [`autopilot`]: flies and drives them, and talks MAVLink like `ArduPilot`.
-//! - [`traffic`]: vehicles and people who move in a street.
 //! - [`link`]: what a radio does to what is sent over it.
 //! - [`simulation`], [`run`], [`report`]: all of it together.
 //!
@@ -13,8 +14,12 @@
 pub mod autopilot;
 pub mod depth_camera;
 pub mod flight;
+pub mod lidar;
 pub mod link;
 pub mod noise;
+pub mod platform;
+pub mod poster;
+pub mod rays;
 pub mod record;
 pub mod render;
 pub mod report;
@@ -22,5 +27,6 @@ pub mod run;
 pub mod scene;
 pub mod simulation;
 pub mod traffic;
+pub mod truth;
 pub mod vehicle;
 pub mod wgs84;

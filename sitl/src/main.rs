@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 use anyhow::Context as _;
 use clap::{Args, Parser, Subcommand};
 use maps::time::Stamp;
+use sitl::poster::{Canvas, poster};
 use sitl::run::{QUEUE, Settings, run};
 use sitl::scene::Name;
 use sitl::simulation::{Event, STEP, Start};
@@ -32,6 +33,24 @@ struct Cli {
 enum Command {
     /// Runs vehicles in real time where they have links, and records as fast as it can.
     Run(RunArgs),
+    /// Draws a contact sheet: what all sensors see of each scene, and the truth.
+    Poster(PosterArgs),
+}
+
+#[derive(Args)]
+struct PosterArgs {
+    /// The scenes. Default: all streets.
+    #[arg(long = "scene", value_enum)]
+    scenes: Vec<Name>,
+    /// Seed of the scenes and all noise.
+    #[arg(long, default_value_t = 1)]
+    seed: u64,
+    /// Simulated time at which they are looked at.
+    #[arg(long, value_name = "SECONDS", value_parser = seconds, default_value = "8")]
+    at: Duration,
+    /// The picture, a PNG.
+    #[arg(long, value_name = "FILE", default_value = "poster.png")]
+    out: PathBuf,
 }
 
 #[derive(Args)]
@@ -102,7 +121,31 @@ fn main() -> ExitCode {
 }
 
 fn execute() -> anyhow::Result<()> {
-    let Command::Run(args) = Cli::parse().command;
+    match Cli::parse().command {
+        Command::Run(args) => execute_run(args),
+        Command::Poster(args) => draw_poster(&args),
+    }
+}
+
+fn draw_poster(args: &PosterArgs) -> anyhow::Result<()> {
+    let scenes = if args.scenes.is_empty() {
+        Name::STREETS.to_vec()
+    } else {
+        args.scenes.clone()
+    };
+    let sheets: Vec<_> = scenes
+        .iter()
+        .map(|name| poster(*name, args.seed, Stamp::ZERO + args.at))
+        .collect();
+    let sheet = Canvas::stacked(&sheets, 24, [255; 3]);
+    let cannot = || format!("cannot write {}", args.out.display());
+    let file = std::fs::File::create(&args.out).with_context(cannot)?;
+    let mut file = std::io::BufWriter::new(file);
+    sheet.write_png(&mut file).with_context(cannot)?;
+    file.flush().with_context(cannot)
+}
+
+fn execute_run(args: RunArgs) -> anyhow::Result<()> {
     let level = if args.headless { "warn" } else { "info" };
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new(level));
     tracing_subscriber::fmt()

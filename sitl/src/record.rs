@@ -8,9 +8,9 @@ use maps::time::Stamp;
 use sensors::mcap::{Topics, WriteError, Writer};
 use serde::Serialize;
 
-use crate::depth_camera::{d455, expose};
-use crate::flight;
-use crate::render::render;
+use crate::depth_camera::{INDOORS_M, OUTDOORS_M, d455, expose};
+use crate::platform;
+use crate::render::Stage;
 use crate::scene::{Name, Scene};
 
 /// Pictures per second, one of the camera's own rates.
@@ -46,20 +46,26 @@ pub struct Recording {
 /// how many there are.
 pub fn record(plan: &Plan, mut go_on: impl FnMut(u64) -> bool) -> Result<Recording, WriteError> {
     let scene = Scene::generate(plan.scene, plan.seed);
+    let stage = Stage::new(&scene);
     let camera = d455();
+    let reach_m = if plan.scene == Name::Room {
+        INDOORS_M
+    } else {
+        OUTDOORS_M
+    };
     let mut writer = Writer::create(&plan.file, &Topics::default())?;
     writer.describe("simulation", description(plan))?;
     let total = frames_in(plan.duration);
     let mut frames = 0;
     while frames < total && go_on(frames) {
         let at = stamp_of(frames);
-        let pose = flight::world_from_camera(at, plan.seed);
-        let picture = render(&scene, at, &camera, pose);
+        let pose = platform::uav_camera(&scene, at, plan.seed);
+        let picture = stage.at(at).picture(&camera, pose);
         if frames % RATE_HZ == 0 {
             writer.camera(at, &camera)?;
         }
         writer.truth(at, &pose)?;
-        writer.frame(&expose(&picture, &camera, plan.seed))?;
+        writer.frame(&expose(&picture, &camera, reach_m, plan.seed))?;
         frames += 1;
     }
     writer.finish()?;
@@ -83,7 +89,7 @@ fn stamp_of(frame: u64) -> Stamp {
 fn description(plan: &Plan) -> BTreeMap<String, String> {
     let version = env!("CARGO_PKG_VERSION");
     [
-        ("scene", format!("{:?}", plan.scene).to_lowercase()),
+        ("scene", plan.scene.to_string()),
         ("seed", plan.seed.to_string()),
         ("made_by", format!("sitl {version}")),
     ]
@@ -96,6 +102,8 @@ mod tests {
     use super::*;
     use sensors::RgbdSource as _;
     use sensors::mcap::McapFile;
+
+    use crate::render::render;
 
     #[test]
     fn a_recording_reads_back_as_the_frames_and_truth_that_were_drawn() {
@@ -119,11 +127,16 @@ mod tests {
                 .expect("readable")
                 .expect("as many as poses");
             assert_eq!(frame.at, true_pose.at);
-            let pose = flight::world_from_camera(frame.at, 4);
+            let pose = crate::flight::world_from_camera(frame.at, 4);
             assert!(
                 (pose.raw.translation.vector - true_pose.pose.translation.vector).norm() < 1e-12
             );
-            let drawn = expose(&render(&scene, frame.at, &d455(), pose), &d455(), 4);
+            let drawn = expose(
+                &render(&scene, frame.at, &d455(), pose),
+                &d455(),
+                INDOORS_M,
+                4,
+            );
             assert!(drawn.rgb == frame.rgb, "colour at {}", frame.at);
             let worst = drawn
                 .depth_m

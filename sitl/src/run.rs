@@ -95,7 +95,7 @@ pub fn run(
             "the run ended before the recording: without --copter and --rover it is as long as --duration says"
         );
     }
-    let scene = format!("{:?}", settings.scene).to_lowercase();
+    let scene = settings.scene.to_string();
     let report = Report::new(&scene, settings.seed, &simulation, recording);
     if let Some(path) = &settings.report {
         let file = File::create(path)

@@ -1,19 +1,26 @@
-//! What there is to be seen: flat faces with a material, and people who walk.
+//! What there is to be seen: flat faces with a material, and things that move.
 //!
 //! A scene is generated from a seed and is a pure function of time, so that a picture, its depth and its truth are of
 //! one instant by construction. World axes as everywhere: x east, y north, z up, the floor at z = 0. The scene's origin
 //! lies below the place where the camera of [`crate::flight`] starts.
 
+mod class;
+mod light;
 mod material;
 mod room;
+mod shape;
+mod street;
 mod walker;
 
 use maps::frame::{Point, Vector, World};
 use maps::time::Stamp;
-use nalgebra::{Point3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Vector3};
 
+pub use class::Class;
+pub use light::{Light, Sun};
 pub use material::{Material, Spot};
 pub(crate) use room::CENTRE as ROOM_CENTRE;
+pub(crate) use shape::Block;
 pub use walker::Walker;
 
 /// Which thing a pixel shows. Everything made of one piece shares an instance.
@@ -34,26 +41,69 @@ impl Instance {
     }
 }
 
-/// A rectangle, seen from the side that `edge_u × edge_v` points to.
+/// A flat surface with two parallel edges, seen from the side that `edge_u × edge_v` points to: a rectangle if `top` is
+/// `[0, 1]`, a triangle if both are the same, else a trapezoid.
+///
+/// ```text
+///      corner + edge_v + top[0]·edge_u ┌────────┐ corner + edge_v + top[1]·edge_u
+///                                     /          \
+///                              corner └────────────┘ corner + edge_u
+/// ```
 #[derive(Clone, Copy, Debug)]
 pub struct Face {
     /// One corner.
     pub corner: Point<World>,
     /// From the corner along one side, in metres.
     pub edge_u: Vector<World>,
-    /// From the corner along the other side, at a right angle to the first.
+    /// From the corner towards the opposite side, at a right angle to the first.
     pub edge_v: Vector<World>,
+    /// Where the opposite side starts and ends, as shares of `edge_u`.
+    pub top: [f64; 2],
     /// What it looks like.
     pub material: Material,
     /// What it belongs to.
     pub instance: Instance,
 }
 
+impl Face {
+    /// Its corners, counter-clockwise as seen; the last two are one if it is a triangle.
+    pub fn corners(&self) -> [Point<World>; 4] {
+        let along = |share: f64| self.corner + self.edge_u * share;
+        let [left, right] = self.top.map(|share| along(share) + self.edge_v);
+        [self.corner, along(1.0), right, left]
+    }
+}
+
+/// Something with a name of its own: what its faces belong to.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Thing {
+    /// Its number in instance images.
+    pub instance: Instance,
+    /// What it is.
+    pub class: Class,
+    /// From its own frame, whose origin is in the middle of the bottom of its box and whose x axis points forward.
+    pub place: Isometry3<f64>,
+    /// Length, width and height of its box in metres; zeros if it has none, as the ground.
+    pub size: Vector3<f64>,
+}
+
+/// A [`Thing`] that moves, at one moment.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Moving {
+    /// What and where it is.
+    pub thing: Thing,
+    /// How fast it goes, in m/s.
+    pub velocity: Vector3<f64>,
+}
+
 /// Everything that can be seen, at any time.
 #[derive(Clone, Debug)]
 pub struct Scene {
     still: Vec<Face>,
+    things: Vec<Thing>,
     walkers: Vec<Walker>,
+    street: Option<street::Street>,
+    light: Light,
 }
 
 /// Scenes that can be asked for by name.
@@ -61,64 +111,105 @@ pub struct Scene {
 pub enum Name {
     /// A furnished room of 7 m by 5.8 m with three people walking in it.
     Room,
+    /// A narrow street between rows of houses, with cars parked on both sides.
+    ResidentialAlley,
+    /// Four lanes, shops, high houses, much traffic.
+    UrbanArterial,
+    /// Halls, yards with goods, trucks; a low sun.
+    IndustrialPark,
+    /// A road that bends between gardens, against the setting sun.
+    SuburbanRoad,
+    /// A street that leads below a bridge and through a roofed passage.
+    UnderBridge,
+}
+
+impl Name {
+    /// The outdoor scenes.
+    pub const STREETS: [Self; 5] = [
+        Self::ResidentialAlley,
+        Self::UrbanArterial,
+        Self::IndustrialPark,
+        Self::SuburbanRoad,
+        Self::UnderBridge,
+    ];
+}
+
+impl std::fmt::Display for Name {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::Room => "room",
+            Self::ResidentialAlley => "residential-alley",
+            Self::UrbanArterial => "urban-arterial",
+            Self::IndustrialPark => "industrial-park",
+            Self::SuburbanRoad => "suburban-road",
+            Self::UnderBridge => "under-bridge",
+        })
+    }
 }
 
 impl Scene {
     /// Builds the scene of that name. The same seed gives the same scene.
     pub fn generate(name: Name, seed: u64) -> Self {
-        match name {
-            Name::Room => room::room(seed),
-        }
+        street::street(name, seed).unwrap_or_else(|| room::room(seed))
     }
 
-    /// The faces of everything, where it is at that moment.
-    pub fn faces(&self, at: Stamp) -> Vec<Face> {
-        let mut faces = self.still.clone();
+    /// The faces of all that stands still.
+    pub fn still(&self) -> &[Face] {
+        &self.still
+    }
+
+    /// The faces of all that moves, where it is at that moment.
+    pub fn moving(&self, at: Stamp) -> Vec<Face> {
+        let mut faces = Vec::new();
         for walker in &self.walkers {
             walker.add_faces(at, &mut faces);
         }
+        if let Some(street) = &self.street {
+            street.add_movers(at, &mut faces);
+        }
         faces
+    }
+
+    /// What stands still and has a name of its own.
+    pub fn things(&self) -> &[Thing] {
+        &self.things
+    }
+
+    /// Road users that are on their way at that moment.
+    pub fn movers(&self, at: Stamp) -> Vec<Moving> {
+        let street = self.street.iter();
+        street.flat_map(|street| street.movers(at)).collect()
+    }
+
+    /// What an instance is. In the room, whatever stands there is an object and whoever walks there a pedestrian.
+    pub fn class_of(&self, instance: Instance) -> Class {
+        if instance == Instance::NOTHING {
+            return Class::Sky;
+        }
+        let index = usize::from(instance.0);
+        if instance.moves() {
+            let street = self.street.as_ref();
+            return street
+                .and_then(|street| street.class_of(instance))
+                .unwrap_or(Class::Pedestrian);
+        }
+        let thing = self.things.get(index - 1);
+        thing.map_or(Class::Object, |thing| thing.class)
+    }
+
+    /// The street's centre line, with its ends along it; `None` for the room.
+    pub(crate) fn street(&self) -> Option<&street::Street> {
+        self.street.as_ref()
     }
 
     /// Those who move.
     pub fn walkers(&self) -> &[Walker] {
         &self.walkers
     }
-}
 
-/// An upright box: where the middle of its bottom is, how it is turned, how long its sides are.
-#[derive(Clone, Copy, Debug)]
-pub(crate) struct Block {
-    pub(crate) bottom: Point3<f64>,
-    pub(crate) heading_rad: f64,
-    /// Along its heading, across it, and up.
-    pub(crate) size: Vector3<f64>,
-}
-
-impl Block {
-    /// Adds its five faces that can be seen (not the one it stands on, unless it floats).
-    fn add_faces(&self, material: Material, instance: Instance, faces: &mut Vec<Face>) {
-        let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), self.heading_rad);
-        let half = self.size / 2.0;
-        let mut add = |corner: [f64; 3], edge_u: [f64; 3], edge_v: [f64; 3]| {
-            let at = |v: [f64; 3]| turn * Vector3::from(v);
-            faces.push(Face {
-                corner: Point::from_raw(self.bottom + at(corner)),
-                edge_u: Vector::from_raw(at(edge_u)),
-                edge_v: Vector::from_raw(at(edge_v)),
-                material,
-                instance,
-            });
-        };
-        let ([x, y, _], [lx, ly, lz]) = (<[f64; 3]>::from(half), <[f64; 3]>::from(self.size));
-        add([x, -y, 0.0], [0.0, ly, 0.0], [0.0, 0.0, lz]);
-        add([-x, y, 0.0], [0.0, -ly, 0.0], [0.0, 0.0, lz]);
-        add([x, y, 0.0], [-lx, 0.0, 0.0], [0.0, 0.0, lz]);
-        add([-x, -y, 0.0], [lx, 0.0, 0.0], [0.0, 0.0, lz]);
-        add([-x, -y, lz], [lx, 0.0, 0.0], [0.0, ly, 0.0]);
-        if self.bottom.z > 0.0 {
-            add([-x, y, 0.0], [lx, 0.0, 0.0], [0.0, -ly, 0.0]);
-        }
+    /// What lights it.
+    pub fn light(&self) -> &Light {
+        &self.light
     }
 }
 
@@ -127,28 +218,12 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_box_is_seen_from_outside() {
-        let block = Block {
-            bottom: Point3::new(1.0, 2.0, 0.5),
-            heading_rad: 0.4,
-            size: Vector3::new(0.4, 0.6, 0.8),
-        };
-        let mut faces = Vec::new();
-        block.add_faces(Material::Wood { seed: 1 }, Instance(7), &mut faces);
-        assert_eq!(faces.len(), 6, "a floating box shows all its sides");
-        let middle = block.bottom + Vector3::new(0.0, 0.0, 0.4);
-        for face in faces {
-            let normal = face.edge_u.raw.cross(&face.edge_v.raw);
-            let centre = face.corner.raw + (face.edge_u.raw + face.edge_v.raw) / 2.0;
-            assert!(normal.dot(&(centre - middle)) > 0.0, "{face:?}");
-        }
-    }
-
-    #[test]
     fn the_same_seed_gives_the_same_room_and_another_seed_another() {
         let corners = |seed| -> Vec<_> {
-            let faces = Scene::generate(Name::Room, seed).faces(Stamp::from_nanos(1_000_000_000));
-            faces.iter().map(|face| face.corner).collect()
+            let scene = Scene::generate(Name::Room, seed);
+            let moving = scene.moving(Stamp::from_nanos(1_000_000_000));
+            let faces = scene.still().iter().chain(&moving);
+            faces.map(|face| face.corner).collect()
         };
         assert_eq!(corners(1), corners(1));
         assert_ne!(corners(1), corners(2));

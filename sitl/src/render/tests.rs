@@ -79,7 +79,7 @@ fn a_face_through_the_camera_plane_is_cut_and_not_mirrored() {
         [-1.0, 1.0, 2.0],
     ]
     .map(Vector3::from);
-    let cut = clip_near(&corners);
+    let cut = clip_near(&corners).expect("in front");
     assert_eq!(cut.len(), 4);
     assert!(cut.iter().all(|p| p.z >= NEAR_M - 1e-12), "{cut:?}");
 }

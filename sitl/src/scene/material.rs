@@ -3,6 +3,8 @@
 //! Every pattern knows the footprint of a pixel on the surface and leaves out what is finer (band limiting); hard edges
 //! are softened over one footprint. That keeps corners in place from picture to picture, which is what features need.
 
+mod outdoor;
+
 use crate::noise::{at_cell, floor, lerp, octaves, unit, visible};
 
 type Colour = [f32; 3];
@@ -55,6 +57,79 @@ pub enum Material {
         /// Varies the hair.
         seed: u32,
     },
+    /// A street of asphalt, with cracks, patches and stains.
+    Asphalt {
+        /// Varies its age.
+        seed: u32,
+    },
+    /// White paint on a street, worn.
+    Marking,
+    /// A pavement of slabs.
+    Paving {
+        /// Varies the slabs.
+        seed: u32,
+    },
+    /// A meadow or lawn.
+    Grass {
+        /// Varies its tufts.
+        seed: u32,
+    },
+    /// A heap of leaves: a crown or a hedge.
+    Leaves {
+        /// Varies kind and season.
+        seed: u32,
+    },
+    /// The bark of a tree.
+    Bark,
+    /// The outside wall of a house, with windows in rows.
+    Facade {
+        /// Varies wall, windows and curtains.
+        seed: u32,
+    },
+    /// The ground floor of a house with shops.
+    Shopfront {
+        /// Varies windows and signs.
+        seed: u32,
+    },
+    /// A roof of tiles.
+    Tiles {
+        /// Varies their colour.
+        seed: u32,
+    },
+    /// Corrugated sheet metal: a warehouse or a container.
+    Corrugated {
+        /// Varies colour and rust.
+        seed: u32,
+    },
+    /// Concrete, cast in panels.
+    Concrete {
+        /// Varies its stains.
+        seed: u32,
+    },
+    /// Galvanised or painted metal: poles, rails, boxes.
+    Metal {
+        /// Varies its colour.
+        seed: u32,
+    },
+    /// A vehicle's painted body.
+    Paint {
+        /// Varies its colour.
+        seed: u32,
+    },
+    /// A vehicle's window.
+    Glass,
+    /// Rubber: tyres and trims.
+    Rubber,
+    /// A head lamp, or a tail lamp.
+    Lamp {
+        /// Red, not white.
+        is_red: bool,
+    },
+    /// A traffic sign or advertisement.
+    Sign {
+        /// Which.
+        seed: u32,
+    },
 }
 
 /// A place on a face, in metres along its edges.
@@ -83,6 +158,57 @@ impl Material {
             Self::Carton { seed } => carton(spot, seed),
             Self::Cloth { seed } => cloth(spot, seed),
             Self::Skin { seed } => skin(spot, seed),
+            Self::Asphalt { seed } => outdoor::asphalt(spot, seed),
+            Self::Marking => outdoor::marking(spot),
+            Self::Paving { seed } => outdoor::paving(spot, seed),
+            Self::Grass { seed } => outdoor::grass(spot, seed),
+            Self::Leaves { seed } => outdoor::leaves(spot, seed),
+            Self::Bark => outdoor::bark(spot),
+            Self::Facade { seed } => outdoor::facade(spot, seed),
+            Self::Shopfront { seed } => outdoor::shopfront(spot, seed),
+            Self::Tiles { seed } => outdoor::tiles(spot, seed),
+            Self::Corrugated { seed } => outdoor::corrugated(spot, seed),
+            Self::Concrete { seed } => outdoor::concrete(spot, seed),
+            Self::Metal { seed } => outdoor::metal(spot, seed),
+            Self::Paint { seed } => outdoor::paint(spot, seed),
+            Self::Glass => [0.03, 0.035, 0.04],
+            Self::Rubber => outdoor::rubber(spot),
+            Self::Lamp { is_red: true } => [0.6, 0.06, 0.05],
+            Self::Lamp { is_red: false } => [0.8, 0.8, 0.75],
+            Self::Sign { seed } => outdoor::sign(spot, seed),
+        }
+    }
+
+    /// Whether its pattern lies on the ground as on one sheet, wherever faces begin and end.
+    pub(crate) fn follows_the_world(self) -> bool {
+        matches!(
+            self,
+            Self::Asphalt { .. } | Self::Marking | Self::Paving { .. } | Self::Grass { .. }
+        )
+    }
+
+    /// How much it mirrors when looked at straight on.
+    pub(crate) fn gloss(self) -> f32 {
+        match self {
+            Self::Glass => 0.25,
+            Self::Paint { .. } => 0.06,
+            Self::Lamp { .. } => 0.1,
+            _ => 0.0,
+        }
+    }
+
+    /// How much of a laser's light, at 905 nm, it gives back when hit straight on.
+    pub(crate) fn at_905_nm(self) -> f32 {
+        match self {
+            Self::Grass { .. } | Self::Leaves { .. } => 0.55,
+            Self::Asphalt { .. } | Self::Rubber => 0.12,
+            Self::Marking => 0.6,
+            Self::Sign { .. } => 0.95,
+            Self::Glass => 0.05,
+            Self::Paint { seed } => 0.15 + 0.5 * unit(at_cell(0, 905, seed)),
+            Self::Metal { .. } | Self::Corrugated { .. } | Self::Lamp { .. } => 0.45,
+            Self::Bark => 0.3,
+            _ => 0.4,
         }
     }
 }
@@ -338,6 +464,14 @@ mod tests {
             Material::Carton { seed },
             Material::Cloth { seed },
             Material::Skin { seed },
+            Material::Asphalt { seed },
+            Material::Paving { seed },
+            Material::Grass { seed },
+            Material::Leaves { seed },
+            Material::Bark,
+            Material::Tiles { seed },
+            Material::Corrugated { seed },
+            Material::Sign { seed },
         ];
         for material in all {
             let greens: Vec<f32> = (0..900_i16)

@@ -10,13 +10,15 @@ use nalgebra::{Point3, Rotation2, Vector2, Vector3};
 use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64;
 
-use super::{Block, Face, Instance, Material, Scene, walker};
+use super::{Block, Face, Instance, Light, Material, Scene, walker};
 
 /// The middle of the room.
 pub(crate) const CENTRE: [f64; 2] = [1.3, 0.0];
 /// From the middle to the walls, east and north.
 const HALF: [f64; 2] = [3.5, 2.9];
 const WALL_HEIGHT: f64 = 2.6;
+/// Where the lamps hang.
+const LAMPS: [[f64; 3]; 2] = [[0.2, 1.0, 2.8], [2.6, -0.9, 2.8]];
 /// The ring on which people walk.
 const RING: [f64; 2] = [2.4, 1.9];
 
@@ -56,6 +58,9 @@ pub(super) fn room(seed: u64) -> Scene {
     Scene {
         still: builder.faces,
         walkers: walker::on_ring(CENTRE, RING, seed),
+        things: Vec::new(),
+        street: None,
+        light: Light::Lamps(LAMPS.into()),
     }
 }
 
@@ -103,6 +108,7 @@ impl Builder {
             corner: Point::from_raw(corner.into()),
             edge_u: Vector::from_raw(edges[0]),
             edge_v: Vector::from_raw(edges[1]),
+            top: [0.0, 1.0],
             material,
             instance,
         });
@@ -267,7 +273,6 @@ impl Builder {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use maps::time::Stamp;
 
     #[test]
     fn furniture_leaves_the_ring_to_those_who_walk() {
@@ -287,7 +292,7 @@ mod tests {
     fn the_walls_look_into_the_room() {
         let scene = room(1);
         for face in scene
-            .faces(Stamp::ZERO)
+            .still()
             .iter()
             .filter(|face| (1..6).contains(&face.instance.0))
         {

@@ -1,0 +1,94 @@
+//! Where the two vehicles are in a street, and where their sensors are on them.
+//!
+//! The ground vehicle drives along its lane, as one road user among others; the drone flies over the middle of the street some metres ahead of it and
+//! looks down at what lies before it, as in the field experiments of the paper (5 to 8 m ahead).
+
+use std::f64::consts::FRAC_PI_2;
+
+use maps::camera::Pinhole;
+use maps::frame::{Body, Camera, Isometry, World};
+use maps::time::Stamp;
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+use crate::noise::{at_cell, unit};
+use crate::scene::Scene;
+
+/// How far the drone is ahead of it.
+const AHEAD_M: f64 = 6.5;
+/// How far below the horizon the drone's camera looks.
+const TILT_RAD: f64 = 0.75;
+
+/// The ground vehicle: the middle of its footprint.
+pub fn ugv(scene: &Scene, at: Stamp) -> Isometry<World, Body> {
+    let Some(street) = scene.street() else {
+        return Isometry::claim(Isometry3::identity());
+    };
+    let (place, heading_rad) = street.guest(at);
+    level([place.x, place.y, 0.0], heading_rad)
+}
+
+/// The drone.
+pub fn uav(scene: &Scene, at: Stamp, seed: u64) -> Isometry<World, Body> {
+    let Some(street) = scene.street() else {
+        return crate::flight::world_from_body(at, seed);
+    };
+    let (guest, _) = street.guest(at);
+    let (along, course) = (guest.x + AHEAD_M, street.course());
+    let t = at.as_secs_f64();
+    let sway = |axis: i32, hz: f64| {
+        let phase = std::f64::consts::TAU * f64::from(unit(at_cell(axis, 0, seed as u32)));
+        (std::f64::consts::TAU * hz * t + phase).sin()
+    };
+    let place = course.place(along, 0.6 * sway(5, 0.07));
+    let up = street.flight_m() + 0.25 * sway(6, 0.11);
+    let shake = UnitQuaternion::from_euler_angles(
+        0.014 * sway(1, 0.9),
+        0.014 * sway(2, 1.1),
+        0.02 * sway(3, 0.3),
+    );
+    let level = level([place.x, place.y, up], course.heading(along));
+    Isometry::claim(level.raw * Isometry3::from_parts(Translation3::identity(), shake))
+}
+
+/// The drone's camera.
+pub fn uav_camera(scene: &Scene, at: Stamp, seed: u64) -> Isometry<World, Camera> {
+    if scene.street().is_none() {
+        return crate::flight::world_from_camera(at, seed);
+    }
+    let tilt = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), TILT_RAD);
+    let mount = Isometry3::from_parts(Vector3::new(0.1, 0.0, -0.05).into(), tilt * optical());
+    Isometry::claim(uav(scene, at, seed).raw * mount)
+}
+
+/// The ground vehicle's cameras: front, left, rear and right, each half above the other, 1 m above the ground.
+pub const UGV_CAMERAS: [&str; 4] = ["front", "left", "rear", "right"];
+
+/// The lens of each of them: 256 × 736, 90 degrees wide, without distortion.
+pub fn ugv_lens() -> Pinhole {
+    Pinhole {
+        width: 736,
+        height: 256,
+        fx: 368.0,
+        fy: 368.0,
+        cx: 367.5,
+        cy: 127.5,
+        distortion: [0.0; 5],
+    }
+}
+
+/// Where one of [`UGV_CAMERAS`] is on the ground vehicle.
+pub fn body_from_ugv_camera(index: usize) -> Isometry<Body, Camera> {
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), FRAC_PI_2 * index as f64);
+    let forward = turn * Vector3::new(0.25, 0.0, 1.0);
+    Isometry::claim(Isometry3::from_parts(forward.into(), turn * optical()))
+}
+
+/// From optical axes (x right, y down, z forward) to those of a body (x forward, y left, z up).
+fn optical() -> UnitQuaternion<f64> {
+    UnitQuaternion::from_euler_angles(-FRAC_PI_2, 0.0, -FRAC_PI_2)
+}
+
+fn level(place: [f64; 3], heading_rad: f64) -> Isometry<World, Body> {
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), heading_rad);
+    Isometry::claim(Isometry3::from_parts(Vector3::from(place).into(), turn))
+}
