@@ -20,6 +20,7 @@ mod figures;
 mod link;
 mod map_update;
 mod planning;
+mod sitl;
 mod table;
 
 pub use figures::{FigureError, Figures};
@@ -34,6 +35,8 @@ pub enum Suite {
     MapUpdate,
     /// The object transport over bad links
     Link,
+    /// The simulated world against the paper's scenes
+    Sitl,
 }
 
 /// What a suite is asked to do.
@@ -61,6 +64,7 @@ impl Suite {
             Self::Planning => "planning",
             Self::MapUpdate => "map-update",
             Self::Link => "link",
+            Self::Sitl => "sitl",
         }
     }
 
@@ -70,6 +74,7 @@ impl Suite {
             Self::Planning => planning::run(request),
             Self::MapUpdate => map_update::run(request),
             Self::Link => link::run(request),
+            Self::Sitl => sitl::run(request),
         }
     }
 }
