@@ -1,6 +1,6 @@
 //! What the sensors of a vehicle make of the truth: those that need no picture.
 //!
-//! - [`imu`]: how the vehicle itself moves. [`allan`] tells their noise apart.
+//! - [`imu`], [`barometer`]: how the vehicle itself moves. [`allan`] tells their noise apart.
 //!
 //! Each sensor is a value with its own random generator. It is stepped with the true state and with time, reads no
 //! clock and starts no thread: the same seed and the same calls give the same bits. A number that is not finite never
@@ -9,6 +9,7 @@
 //! one with NaN in it gives readings with NaN in them.
 
 pub mod allan;
+pub mod barometer;
 pub mod imu;
 mod process;
 
