@@ -1,6 +1,7 @@
 //! What the sensors of a vehicle make of the truth: those that need no picture.
 //!
 //! - [`imu`], [`barometer`]: how the vehicle itself moves. [`allan`] tells their noise apart.
+//! - [`gnss`]: where it is, with walls around it.
 //!
 //! Each sensor is a value with its own random generator. It is stepped with the true state and with time, reads no
 //! clock and starts no thread: the same seed and the same calls give the same bits. A number that is not finite never
@@ -10,6 +11,7 @@
 
 pub mod allan;
 pub mod barometer;
+pub mod gnss;
 pub mod imu;
 mod process;
 
