@@ -6,7 +6,7 @@
 //!
 //! - R. G. Brown, P. Y. C. Hwang, *Introduction to Random Signals and Applied Kalman Filtering*, 4th ed., §9.3.
 
-use rand::Rng;
+use rand::{Rng, RngExt as _};
 
 use crate::vehicle::gnss::gaussian;
 
@@ -41,6 +41,11 @@ impl Wander {
 /// A step in seconds; one that is not positive and finite counts as none at all.
 pub(super) fn usable_step(dt: f64) -> f64 {
     if dt > 0.0 && dt.is_finite() { dt } else { 0.0 }
+}
+
+/// Whether something of this probability happens. Always draws once, and NaN never happens.
+pub(super) fn happens(probability: f64, random: &mut impl Rng) -> bool {
+    random.random::<f64>() < probability
 }
 
 /// `value` within `-limit..=limit`; NaN stays NaN, and no limit panics.
