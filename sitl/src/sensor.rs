@@ -2,7 +2,7 @@
 //!
 //! - [`imu`], [`barometer`]: how the vehicle itself moves. [`allan`] tells their noise apart.
 //! - [`gnss`]: where it is, with walls around it.
-//! - [`rangefinder`]: what is around it.
+//! - [`rangefinder`], [`radar`]: what is around it.
 //!
 //! Each sensor is a value with its own random generator. It is stepped with the true state and with time, reads no
 //! clock and starts no thread: the same seed and the same calls give the same bits. A number that is not finite never
@@ -15,6 +15,7 @@ pub mod barometer;
 pub mod gnss;
 pub mod imu;
 mod process;
+pub mod radar;
 pub mod rangefinder;
 
 /// The seed of one sensor among those of a run: sensors of other names are independent of it, and none changes when
