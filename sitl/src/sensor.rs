@@ -1,6 +1,6 @@
 //! What the sensors of a vehicle make of the truth: those that need no picture.
 //!
-//! - [`imu`], [`barometer`]: how the vehicle itself moves. [`allan`] tells their noise apart.
+//! - [`imu`], [`barometer`], [`wheel_odometry`]: how the vehicle itself moves. [`allan`] tells their noise apart.
 //! - [`gnss`]: where it is, with walls around it.
 //! - [`rangefinder`], [`radar`]: what is around it.
 //!
@@ -17,6 +17,7 @@ pub mod imu;
 mod process;
 pub mod radar;
 pub mod rangefinder;
+pub mod wheel_odometry;
 
 /// The seed of one sensor among those of a run: sensors of other names are independent of it, and none changes when
 /// another is added.
