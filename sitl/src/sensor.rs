@@ -3,6 +3,7 @@
 //! - [`imu`], [`barometer`], [`wheel_odometry`]: how the vehicle itself moves. [`allan`] tells their noise apart.
 //! - [`gnss`]: where it is, with walls around it.
 //! - [`rangefinder`], [`radar`]: what is around it.
+//! - [`clock`]: what a platform believes the time is.
 //!
 //! Each sensor is a value with its own random generator. It is stepped with the true state and with time, reads no
 //! clock and starts no thread: the same seed and the same calls give the same bits. A number that is not finite never
@@ -12,6 +13,7 @@
 
 pub mod allan;
 pub mod barometer;
+pub mod clock;
 pub mod gnss;
 pub mod imu;
 mod process;
