@@ -4,6 +4,7 @@
 //! - [`gnss`]: where it is, with walls around it.
 //! - [`rangefinder`], [`radar`]: what is around it.
 //! - [`clock`]: what a platform believes the time is.
+//! - [`fault`]: a script of what breaks when.
 //!
 //! Each sensor is a value with its own random generator. It is stepped with the true state and with time, reads no
 //! clock and starts no thread: the same seed and the same calls give the same bits. A number that is not finite never
@@ -14,6 +15,7 @@
 pub mod allan;
 pub mod barometer;
 pub mod clock;
+pub mod fault;
 pub mod gnss;
 pub mod imu;
 mod process;
