@@ -5,6 +5,7 @@
 //! - [`platform`], [`flight`]: where the sensors are; [`truth`]: what is really there; [`poster`]: all of it to look at.
 //! - [`record`]: the drone's camera in a file, with exact truth.
 //! - [`vehicle`]: how a quadrotor and a small car move, and what their sensors say.
+//! - [`sensor`]: what its other sensors make of the truth: inertial, satellite, radar and so on.
 //! - [`autopilot`]: flies and drives them, and talks MAVLink like `ArduPilot`.
 //! - [`link`]: what a radio does to what is sent over it.
 //! - [`simulation`], [`run`], [`report`]: all of it together.
@@ -25,6 +26,7 @@ pub mod render;
 pub mod report;
 pub mod run;
 pub mod scene;
+pub mod sensor;
 pub mod simulation;
 pub mod traffic;
 pub mod truth;
