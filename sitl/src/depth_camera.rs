@@ -19,9 +19,10 @@ use rayon::prelude::*;
 use crate::noise::{at_cell, floor, lerp, mix, normal, unit, value};
 use crate::render::Picture;
 
-const BASELINE_M: f32 = 0.095;
+/// Between the two imagers, in metres.
+pub const BASELINE_M: f32 = 0.095;
 /// One standard deviation of the disparity, in pixels.
-const DISPARITY_NOISE: f32 = 0.08;
+pub const DISPARITY_NOISE: f32 = 0.08;
 /// Nearest depth that is reported, in metres.
 const NEAREST_M: f32 = 0.4;
 /// The farthest depth that is reported indoors: the range for which the camera is specified.

@@ -17,6 +17,7 @@ use maps::time::Stamp;
 use nalgebra::{Isometry3, Vector3};
 
 pub use class::Class;
+pub(crate) use light::Daylight;
 pub use light::{Light, Sun};
 pub use material::{Material, Spot};
 pub(crate) use room::CENTRE as ROOM_CENTRE;

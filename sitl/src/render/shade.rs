@@ -6,7 +6,7 @@ use nalgebra::{Point3, UnitQuaternion, Vector3};
 
 use super::shadow::ShadowMap;
 use super::{Moment, Seen};
-use crate::scene::{Instance, Light, Spot, Sun};
+use crate::scene::{Daylight, Instance, Light, Spot};
 
 /// What is seen above the walls of a room.
 const CEILING: [u8; 3] = [226, 231, 238];
@@ -30,7 +30,7 @@ pub(super) struct View<'a> {
 enum Lit<'a> {
     /// Where the lamps are, for the camera.
     Lamps(Vec<Point3<f64>>),
-    Sun(&'a Sun, &'a ShadowMap),
+    Sun(Daylight<'a>, &'a ShadowMap),
 }
 
 impl<'a> View<'a> {
@@ -41,7 +41,7 @@ impl<'a> View<'a> {
     ) -> Self {
         let camera_from_world = world_from_camera.inverse();
         let light = match (moment.scene.light(), &moment.shadows) {
-            (Light::Sun(sun), Some(shadows)) => Lit::Sun(sun, shadows),
+            (Light::Sun(sun), Some(shadows)) => Lit::Sun(Daylight::of(sun), shadows),
             (Light::Lamps(lamps), _) => {
                 let lamps = lamps.iter();
                 Lit::Lamps(
@@ -74,9 +74,9 @@ impl<'a> View<'a> {
     pub(super) fn sky(&self, at: [f64; 2]) -> Pixel {
         let rgb = match &self.light {
             Lit::Lamps(_) => CEILING,
-            Lit::Sun(sun, _) => {
+            Lit::Sun(day, _) => {
                 let direction = (self.turn * self.ray(at)).normalize();
-                developed(sun.sky_towards(&direction), sun.exposure)
+                developed(day.sky_towards(&direction), day.sun.exposure)
             }
         };
         Pixel {
@@ -113,31 +113,27 @@ impl<'a> View<'a> {
                 let light = lamplight(lamps, &p, &seen.normal);
                 developed(reflectance.map(|share| share * light), 1.0)
             }
-            Lit::Sun(sun, shadows) => {
+            Lit::Sun(day, shadows) => {
                 let normal = self.turn * seen.normal;
-                let sunlit = if normal.dot(&sun.direction()) > 0.0 {
+                let sunlit = if normal.dot(&day.towards) > 0.0 {
                     shadows.sunlit(in_world, &normal)
                 } else {
                     0.0
                 };
-                let light = sun.on(&normal, sunlit);
+                let light = day.on(&normal, sunlit);
                 let mut colour = [0, 1, 2].map(|c| reflectance[c] * light[c]);
                 let gloss = material.gloss();
                 if gloss > 0.0 {
                     let towards = self.turn * (ray / length);
                     let mirrored = towards - normal * (2.0 * normal.dot(&towards));
-                    let sky = sun.sky_towards(&mirrored);
+                    let sky = day.sky_towards(&mirrored);
                     // Schlick's approximation of Fresnel's law.
                     let share = gloss + (1.0 - gloss) * (1.0 - facing as f32).powi(5);
                     let share = share * if mirrored.z > 0.0 { 1.0 } else { 0.2 };
                     colour = [0, 1, 2].map(|c| colour[c] + (sky[c] - colour[c]) * share);
                 }
-                let clear = (1.0 - sun.haze).powf((depth_m * length / 100.0) as f32);
-                let air = sun.air();
-                developed(
-                    [0, 1, 2].map(|c| air[c] + (colour[c] - air[c]) * clear),
-                    sun.exposure,
-                )
+                let distance_m = (depth_m * length) as f32;
+                developed(day.through_air(colour, distance_m), day.sun.exposure)
             }
         };
         Pixel {

@@ -5,7 +5,11 @@
 //! the drone's camera (`uav_occlusion`); and the light: the mean level of the drone's picture (`brightness`, 0 to 1) and the
 //! share of the ground vehicle's front picture that is blown out or black (`clipped`).
 //!
+//! Then the noise models: parameters recovered from what sensors report, beside those configured ([`sensors`]).
+//!
 //! A road user counts if it is within 40 m and would cover 100 pixels of one camera if nothing else were there.
+
+mod sensors;
 
 use std::collections::BTreeMap;
 
@@ -71,7 +75,7 @@ pub(super) fn run(request: &mut Request<'_>) -> anyhow::Result<Outcome> {
         for (metric, value) in measured {
             figures.set(&[&case, metric], value)?;
         }
-        let (wanted, light) = paper(name).map_or(("".to_owned(), ""), |(occlusion, light)| {
+        let (wanted, light) = paper(name).map_or((String::new(), ""), |(occlusion, light)| {
             (format!("{occlusion:.2}"), light)
         });
         let [objects, occlusion, uav, brightness, clipped] =
@@ -98,15 +102,39 @@ pub(super) fn run(request: &mut Request<'_>) -> anyhow::Result<Outcome> {
         "clipped",
         "light of the paper",
     ];
-    let table = Table {
+    let streets = Table {
         title: format!("Streets, {SEEDS} seeds from {first}, {MOMENTS} moments each"),
         header: header.map(str::to_owned).into(),
         rows,
     };
+    let errors = sensors::all(first);
+    for found in &errors {
+        figures.set(&["sensors", &found.name], found.measured)?;
+    }
     Ok(Outcome {
         figures,
-        text: table.to_string(),
+        text: format!("{streets}\n{}", table_of(&errors)),
     })
+}
+
+/// What sensors do beside what they are set to.
+fn table_of(errors: &[sensors::Recovered]) -> Table {
+    let row = |found: &sensors::Recovered| {
+        let ratio = found.measured / found.configured;
+        vec![
+            found.name.clone(),
+            format!("{:.3e}", found.measured),
+            format!("{:.3e}", found.configured),
+            format!("{ratio:.3}"),
+        ]
+    };
+    Table {
+        title: "Sensors: what comes out beside what was put in".to_owned(),
+        header: ["parameter", "recovered", "configured", "ratio"]
+            .map(str::to_owned)
+            .into(),
+        rows: errors.iter().map(row).collect(),
+    }
 }
 
 fn drive(name: Name, seed: u64) -> Tally {
@@ -166,16 +194,16 @@ fn look(moment: &Moment<'_>, seed: u64) -> Tally {
     }
 }
 
-fn level(pixel: &[u8; 3]) -> f64 {
+fn level(pixel: [u8; 3]) -> f64 {
     pixel.iter().map(|c| f64::from(*c)).sum::<f64>() / 3.0
 }
 
 fn mean_level(picture: &Picture) -> f64 {
-    picture.rgb.iter().map(level).sum::<f64>() / picture.rgb.len() as f64
+    picture.rgb.iter().copied().map(level).sum::<f64>() / picture.rgb.len() as f64
 }
 
 fn share(picture: &Picture, counts: impl Fn(f64) -> bool) -> f64 {
-    let counted = picture.rgb.iter().filter(|pixel| counts(level(pixel)));
+    let counted = picture.rgb.iter().filter(|pixel| counts(level(**pixel)));
     counted.count() as f64 / picture.rgb.len() as f64
 }
 

@@ -7,11 +7,11 @@ pub(super) fn asphalt(spot: Spot, seed: u32) -> Colour {
     let Spot {
         u, v, footprint, ..
     } = spot;
-    let old = octaves(u * 0.35, v * 0.35, 3, footprint * 0.35, seed);
-    let grit = octaves(u * 22.0, v * 22.0, 3, footprint * 22.0, seed ^ 1);
-    let stains = (octaves(u * 1.1, v * 1.1, 3, footprint * 1.1, seed ^ 2) - 0.25).max(0.0);
+    let old = octaves(u * 0.35, v * 0.35, 2, footprint * 0.35, seed);
+    let grit = octaves(u * 22.0, v * 22.0, 2, footprint * 22.0, seed ^ 1);
+    let stains = (octaves(u * 1.1, v * 1.1, 2, footprint * 1.1, seed ^ 2) - 0.2).max(0.0);
     // Cracks are where a field crosses zero.
-    let field = octaves(u * 0.6, v * 0.6, 3, footprint * 0.6, seed ^ 3);
+    let field = octaves(u * 0.6, v * 0.6, 2, footprint * 0.6, seed ^ 3);
     let crack = (1.0 - field.abs() / 0.012).max(0.0) * visible(0.06, footprint);
     let patch = cell(u, v, 5.3, 3.7);
     let patched = if patch.random(1, seed) < 0.12 {
@@ -29,7 +29,7 @@ pub(super) fn asphalt(spot: Spot, seed: u32) -> Colour {
     } else {
         0.0
     };
-    let grey = 0.23 + 0.05 * old + 0.09 * grit - 0.12 * stains - 0.1 * crack;
+    let grey = 0.23 + 0.05 * old + 0.13 * grit - 0.12 * stains - 0.1 * crack;
     let grey = lerp(grey, 0.13 + 0.06 * grit, patched);
     [grey, grey * 0.99, grey * 0.96]
 }
