@@ -149,6 +149,32 @@ mod tests {
     }
 
     #[test]
+    fn a_recording_has_the_same_bytes_each_time_and_on_any_number_of_threads() {
+        let folder = tempfile::tempdir().expect("a folder");
+        let bytes = |scene: Name, seed: u64, threads: usize| {
+            let file = folder.path().join("scene.mcap");
+            let plan = Plan {
+                scene,
+                seed,
+                file: file.clone(),
+                duration: Duration::from_millis(200),
+            };
+            let pool = rayon::ThreadPoolBuilder::new()
+                .num_threads(threads)
+                .build()
+                .expect("threads");
+            pool.install(|| record(&plan, |_| true)).expect("a file");
+            std::fs::read(file).expect("what was written")
+        };
+        for scene in [Name::Room, Name::UrbanArterial] {
+            let once = bytes(scene, 1100, 1);
+            assert!(once == bytes(scene, 1100, 1), "{scene}: twice");
+            assert!(once == bytes(scene, 1100, 2), "{scene}: two threads");
+            assert!(once != bytes(scene, 1101, 1), "{scene}: another seed");
+        }
+    }
+
+    #[test]
     fn a_stopped_recording_is_whole_up_to_there() {
         let folder = tempfile::tempdir().expect("a folder");
         let plan = Plan {
