@@ -1,11 +1,11 @@
 """Reads and writes messages of a private MAVLink dialect with MAVSDK, which learns it from the XML while it runs.
 
 usage: mavsdk_dialect.py echo URI DIALECT.xml PREFIX
-       mavsdk_dialect.py listen URI DIALECT.xml PREFIX NAME FIELD MASK
+       mavsdk_dialect.py listen URI DIALECT.xml PREFIX NAME FIELD MASK [ALSO...]
 
 URI is MAVSDK's, such as udpin://127.0.0.1:14550; PREFIX is how the names of the dialect's messages begin. Both print each
 message of the dialect as one JSON object a line, {name, from, fields}. `echo` also sends it back, until the other end says
-"all came back". `listen` ends with the first message NAME whose FIELD has all bits of MASK.
+"all came back". `listen` ends with the first message NAME whose FIELD has all bits of MASK after each message ALSO was heard.
 Exits 0 if all of it worked, 1 with the reason otherwise.
 """
 
@@ -69,16 +69,19 @@ def echo(dialect):
             dialect.send(message.message_name, fields)
 
 
-def listen(dialect, name, field, mask):
+def listen(dialect, name, field, mask, *also):
+    missing = set(also)
     for message, fields in dialect.messages():
-        if message.message_name == name and fields[field] & int(mask) == int(mask):
+        missing.discard(message.message_name)
+        is_last = message.message_name == name and fields[field] & int(mask) == int(mask)
+        if is_last and not missing:
             return
 
 
 def main():
-    uses = {"echo": (echo, 5), "listen": (listen, 8)}
-    use, count = uses.get(sys.argv[1] if len(sys.argv) > 1 else "", (None, 0))
-    if len(sys.argv) != count:
+    uses = {"echo": (echo, [5]), "listen": (listen, range(8, 16))}
+    use, counts = uses.get(sys.argv[1] if len(sys.argv) > 1 else "", (None, []))
+    if len(sys.argv) not in counts:
         sys.exit(__doc__)
     uri, xml, prefix = sys.argv[2], Path(sys.argv[3]), sys.argv[4]
     with Mavsdk(Configuration.create_with_component_type(ComponentType.GROUND_STATION)) as mavsdk:

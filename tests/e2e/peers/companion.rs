@@ -113,6 +113,8 @@ fn mavsdk_reads_what_the_companion_says_of_its_map() {
             "TANDEM_STATUS".as_ref(),
             "flags".as_ref(),
             flags.as_ref(),
+            // Known once the autopilot has said where it is, which may be after the last image.
+            "TANDEM_ORIGIN".as_ref(),
         ],
     );
     let report = on_board.stop();
