@@ -21,7 +21,7 @@ use tracing_subscriber::EnvFilter;
 
 use crate::status::StatusLine;
 
-/// A simulated world: a room that is filmed, a copter and a rover with their autopilots.
+/// A simulated world: streets and a room that are filmed, a copter and a rover with their autopilots.
 #[derive(Parser)]
 #[command(version)]
 struct Cli {

@@ -11,6 +11,7 @@ use maps::time::Stamp;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use crate::noise::{at_cell, unit};
+use crate::render::{Moment, Picture};
 use crate::scene::Scene;
 
 /// How far the drone is ahead of it.
@@ -81,6 +82,17 @@ pub fn body_from_ugv_camera(index: usize) -> Isometry<Body, Camera> {
     let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), FRAC_PI_2 * index as f64);
     let forward = turn * Vector3::new(0.25, 0.0, 1.0);
     Isometry::claim(Isometry3::from_parts(forward.into(), turn * optical()))
+}
+
+/// What each of [`UGV_CAMERAS`] sees, and from where.
+pub fn ugv_views(moment: &Moment<'_>) -> Vec<(Isometry<World, Camera>, Picture)> {
+    let (lens, body) = (ugv_lens(), ugv(moment.scene(), moment.at()));
+    (0..UGV_CAMERAS.len())
+        .map(|index| {
+            let pose = body * body_from_ugv_camera(index);
+            (pose, moment.picture(&lens, pose))
+        })
+        .collect()
 }
 
 /// From optical axes (x right, y down, z forward) to those of a body (x forward, y left, z up).

@@ -10,7 +10,7 @@ mod canvas;
 
 use std::collections::BTreeMap;
 
-use maps::camera::Pinhole;
+use maps::frame::{Camera, Isometry, World};
 use maps::time::Stamp;
 use nalgebra::{Isometry3, Point3};
 
@@ -22,7 +22,7 @@ use crate::platform;
 use crate::rays::Rays;
 use crate::render::{Moment, Picture, Stage};
 use crate::scene::{Class, Instance, Name, Scene};
-use crate::truth::{Sight, bev, sight, voxels};
+use crate::truth::{bev, sight, voxels};
 
 /// Between panels.
 const GAP: usize = 6;
@@ -32,16 +32,20 @@ const PANEL: usize = 368;
 const REACH_M: f64 = 32.0;
 const BACKGROUND: [u8; 3] = [24, 26, 30];
 
+/// A camera's pose, and what it sees.
+type View = (Isometry<World, Camera>, Picture);
+
 /// The sheet of one scene at one moment.
 pub fn poster(name: Name, seed: u64, at: Stamp) -> Canvas {
     let scene = Scene::generate(name, seed);
     let moment = Stage::new(&scene).at(at);
     let rays = Rays::new(&scene);
+    let views = platform::ugv_views(&moment);
     let width = 4 * PANEL + 3 * GAP;
     let rows = [
         drone(&moment, seed, width),
-        ground(&moment),
-        above(&moment, &rays, seed),
+        ground(&scene, &views),
+        above(&moment, &views, &rays, seed),
     ];
     Canvas::stacked(&rows, GAP, BACKGROUND)
 }
@@ -95,38 +99,27 @@ fn drone(moment: &Moment<'_>, seed: u64, width: usize) -> Canvas {
     Canvas::side_by_side(&panels, GAP, BACKGROUND)
 }
 
-fn ground(moment: &Moment<'_>) -> Canvas {
+fn ground(scene: &Scene, views: &[View]) -> Canvas {
     let lens = platform::ugv_lens();
-    let pictures = each_camera(moment, &lens);
     let height = PANEL * lens.height / lens.width;
     let row = |of: &dyn Fn(&Picture) -> Canvas| {
-        let panels: Vec<_> = pictures
+        let panels: Vec<_> = views
             .iter()
-            .map(|p| of(p).scaled(PANEL, height))
+            .map(|(_, picture)| of(picture).scaled(PANEL, height))
             .collect();
         Canvas::side_by_side(&panels, GAP, BACKGROUND)
     };
-    let rows = [
-        row(&colours),
-        row(&|picture| classes(moment.scene(), picture)),
-    ];
+    let rows = [row(&colours), row(&|picture| classes(scene, picture))];
     Canvas::stacked(&rows, GAP, BACKGROUND)
 }
 
-fn each_camera(moment: &Moment<'_>, lens: &Pinhole) -> Vec<Picture> {
-    let body = platform::ugv(moment.scene(), moment.at());
-    (0..platform::UGV_CAMERAS.len())
-        .map(|index| moment.picture(lens, body * platform::body_from_ugv_camera(index)))
-        .collect()
-}
-
-fn above(moment: &Moment<'_>, rays: &Rays<'_>, seed: u64) -> Canvas {
+fn above(moment: &Moment<'_>, views: &[View], rays: &Rays<'_>, seed: u64) -> Canvas {
     let scene = moment.scene();
     let panels = [
         lidar_from_above(moment, rays, seed),
         street_from_above(moment, rays),
         voxels_from_above(scene, platform::ugv(scene, moment.at()).raw),
-        occlusions(moment),
+        occlusions(moment, views),
     ];
     Canvas::side_by_side(&panels, GAP, BACKGROUND)
 }
@@ -194,22 +187,10 @@ fn voxels_from_above(scene: &Scene, world_from_body: Isometry3<f64>) -> Canvas {
 }
 
 /// Each road user's box from above: green where the ground vehicle's cameras see all of it, red where they see nothing.
-fn occlusions(moment: &Moment<'_>) -> Canvas {
+fn occlusions(moment: &Moment<'_>, views: &[View]) -> Canvas {
     let scene = moment.scene();
-    let lens = platform::ugv_lens();
     let body = platform::ugv(scene, moment.at());
-    let mut seen: BTreeMap<Instance, Sight> = BTreeMap::new();
-    for (index, picture) in each_camera(moment, &lens).iter().enumerate() {
-        let pose = body * platform::body_from_ugv_camera(index);
-        for (instance, sight) in sight(moment, &lens, pose, picture) {
-            let sum = seen.entry(instance).or_insert(Sight {
-                visible: 0,
-                alone: 0,
-            });
-            sum.visible += sight.visible;
-            sum.alone += sight.alone;
-        }
-    }
+    let seen = sight(moment, &platform::ugv_lens(), views);
     let mut canvas = Canvas::filled(PANEL, PANEL, BACKGROUND);
     let boxes = crate::truth::boxes(scene, moment.at());
     for row in 0..PANEL {
@@ -217,9 +198,9 @@ fn occlusions(moment: &Moment<'_>) -> Canvas {
             let from_middle =
                 |at: usize| REACH_M - (at as f64 + 0.5) * 2.0 * REACH_M / PANEL as f64;
             let place = body.raw * Point3::new(from_middle(row), from_middle(column), 0.0);
-            if let Some(road_user) = boxes.iter().find(|road_user| road_user.covers(place)) {
+            if let Some(road_user) = boxes.iter().find(|user| user.thing.covers(place)) {
                 let hidden = seen
-                    .get(&road_user.instance)
+                    .get(&road_user.thing.instance)
                     .map_or(1.0, |sight| sight.occlusion());
                 let colour = [hidden, 1.0 - hidden, 0.15].map(|c| (c * 255.0) as u8);
                 canvas.set(column, row, colour);

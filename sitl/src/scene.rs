@@ -14,7 +14,7 @@ mod walker;
 
 use maps::frame::{Point, Vector, World};
 use maps::time::Stamp;
-use nalgebra::{Isometry3, Vector3};
+use nalgebra::{Isometry3, Point3, Vector3};
 
 pub use class::Class;
 pub(crate) use light::Daylight;
@@ -88,9 +88,22 @@ pub struct Thing {
     pub size: Vector3<f64>,
 }
 
-/// A [`Thing`] that moves, at one moment.
+impl Thing {
+    /// The middle of its box.
+    pub fn centre(&self) -> Point3<f64> {
+        self.place * Point3::new(0.0, 0.0, self.size.z / 2.0)
+    }
+
+    /// Whether a place is inside of its box as seen from above.
+    pub fn covers(&self, place: Point3<f64>) -> bool {
+        let local = self.place.inverse() * place;
+        local.x.abs() <= self.size.x / 2.0 && local.y.abs() <= self.size.y / 2.0
+    }
+}
+
+/// A [`Thing`] that takes part in traffic, or is parked, at one moment.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Moving {
+pub struct RoadUser {
     /// What and where it is.
     pub thing: Thing,
     /// How fast it goes, in m/s.
@@ -177,7 +190,7 @@ impl Scene {
     }
 
     /// Road users that are on their way at that moment.
-    pub fn movers(&self, at: Stamp) -> Vec<Moving> {
+    pub fn movers(&self, at: Stamp) -> Vec<RoadUser> {
         let street = self.street.iter();
         street.flat_map(|street| street.movers(at)).collect()
     }
@@ -198,7 +211,7 @@ impl Scene {
         thing.map_or(Class::Object, |thing| thing.class)
     }
 
-    /// The street's centre line, with its ends along it; `None` for the room.
+    /// The street, for where vehicles go; `None` for the room.
     pub(crate) fn street(&self) -> Option<&street::Street> {
         self.street.as_ref()
     }

@@ -7,7 +7,7 @@ mod boxes;
 mod voxels;
 
 pub use bev::{Bev, bev};
-pub use boxes::{Box3, Sight, boxes, sight};
+pub use boxes::{Sight, boxes, sight};
 pub use voxels::{Voxels, voxels};
 
 #[cfg(test)]

@@ -25,11 +25,6 @@ impl Canvas {
         Self::new(width, height, vec![colour; width * height])
     }
 
-    /// Its width and height.
-    pub fn size(&self) -> [usize; 2] {
-        [self.width, self.height]
-    }
-
     /// Colours a pixel, if there is one.
     pub(super) fn set(&mut self, column: usize, row: usize, colour: [u8; 3]) {
         if column < self.width && row < self.height {

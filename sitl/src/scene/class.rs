@@ -43,35 +43,9 @@ pub enum Class {
 }
 
 impl Class {
-    /// All of them, by number.
-    pub const ALL: [Self; 17] = [
-        Self::Sky,
-        Self::Road,
-        Self::Sidewalk,
-        Self::Terrain,
-        Self::Building,
-        Self::Wall,
-        Self::Pole,
-        Self::Sign,
-        Self::Vegetation,
-        Self::Bridge,
-        Self::Object,
-        Self::Car,
-        Self::Truck,
-        Self::Bus,
-        Self::Cyclist,
-        Self::Pedestrian,
-        Self::Robot,
-    ];
-
     /// Whether it is something that may move, for which there are boxes.
     pub fn is_traffic(self) -> bool {
         self >= Self::Car
-    }
-
-    /// Whether the ground vehicle can stand on it.
-    pub fn is_ground(self) -> bool {
-        matches!(self, Self::Road | Self::Sidewalk | Self::Terrain)
     }
 
     /// Its colour in pictures of masks: that of Cityscapes where it has one.

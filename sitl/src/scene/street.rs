@@ -24,7 +24,7 @@ use rand::{RngExt as _, SeedableRng as _};
 use rand_pcg::Pcg64;
 
 use super::shape::{Block, Look, standing};
-use super::{Class, Face, Instance, Light, Material, Moving, Name, Scene, Sun, Thing};
+use super::{Class, Face, Instance, Light, Material, Name, RoadUser, Scene, Sun, Thing};
 use movers::Mover;
 use style::{Style, style};
 
@@ -97,7 +97,7 @@ impl Street {
         }
     }
 
-    pub(super) fn movers(&self, at: Stamp) -> impl Iterator<Item = Moving> {
+    pub(super) fn movers(&self, at: Stamp) -> impl Iterator<Item = RoadUser> {
         self.movers.iter().filter_map(move |mover| {
             let state = mover.state(at)?;
             let thing = Thing {
@@ -111,7 +111,7 @@ impl Street {
             let way = Vector2::from(soon.position) - Vector2::from(state.position);
             let ahead = way.try_normalize(1e-9).unwrap_or_default();
             let velocity = Vector3::new(ahead.x, ahead.y, 0.0) * state.speed_mps;
-            Some(Moving { thing, velocity })
+            Some(RoadUser { thing, velocity })
         })
     }
 

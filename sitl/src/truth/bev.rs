@@ -9,7 +9,7 @@ use super::boxes::boxes;
 use crate::rays::Rays;
 use crate::scene::Class;
 
-/// From where rays look down: below crowns and bridges, above cars, people and hedges.
+/// From where rays look down: below bridges and most of the crowns, above cars, people and hedges.
 const EYE_M: f64 = 3.9;
 
 /// Classes in a square grid, x forward: row 0 is farthest ahead, column 0 farthest to the left.
@@ -21,8 +21,8 @@ pub struct Bev {
     pub classes: Vec<Class>,
 }
 
-/// The classes around a vehicle. Where road users stand, theirs; within houses, that of the house; under bridges and crowns
-/// what is below them.
+/// The classes around a vehicle. Where road users stand, theirs; within houses, that of the house; under bridges
+/// what is below them; under a crown what is below it, where none of it is lower than 3.9 m.
 pub fn bev(
     rays: &Rays<'_>,
     at: Stamp,
@@ -44,14 +44,10 @@ pub fn bev(
             let from_middle = |index: usize| (size as f64 / 2.0 - index as f64 - 0.5) * cell_m;
             let place = Point3::new(from_middle(i / size), from_middle(i % size), 0.0);
             let place = world_from_body.raw * place;
-            if let Some(road_user) = boxes.iter().find(|road_user| road_user.covers(place)) {
-                return road_user.class;
+            if let Some(road_user) = boxes.iter().find(|user| user.thing.covers(place)) {
+                return road_user.thing.class;
             }
-            let is_inside = |house: &&&crate::scene::Thing| {
-                let local = house.place.inverse() * place;
-                local.x.abs() <= house.size.x / 2.0 && local.y.abs() <= house.size.y / 2.0
-            };
-            if houses.iter().any(|house| is_inside(&house)) {
+            if houses.iter().any(|house| house.covers(place)) {
                 return Class::Building;
             }
             let eye = Point3::new(place.x, place.y, EYE_M);

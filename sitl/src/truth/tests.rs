@@ -59,7 +59,7 @@ fn what_is_hidden_is_hidden_by_as_much_as_pixels_say() {
     let lens = platform::ugv_lens();
     let pose = platform::ugv(&scene, AT) * platform::body_from_ugv_camera(0);
     let picture = moment.picture(&lens, pose);
-    let sights = sight(&moment, &lens, pose, &picture);
+    let sights = sight(&moment, &lens, &[(pose, picture.clone())]);
     assert!(sights.len() > 10);
     for (instance, sight) in &sights {
         assert!(sight.visible <= sight.alone, "{instance:?}: {sight:?}");
@@ -99,15 +99,15 @@ fn from_above_the_vehicle_is_on_the_road_and_road_users_are_where_their_boxes_ar
             );
         }
         for road_user in boxes(&scene, AT) {
-            let p = body.raw.inverse() * road_user.centre();
+            let p = body.raw.inverse() * road_user.thing.centre();
             let cell = |c: f64| ((32.0 - c) / 0.5).floor();
             let (row, column) = (cell(p.x), cell(p.y));
             if (0.0..128.0).contains(&row)
                 && (0.0..128.0).contains(&column)
-                && road_user.size_m.y > 1.5
+                && road_user.thing.size.y > 1.5
             {
                 let class = bev.classes[row as usize * 128 + column as usize];
-                assert_eq!(class, road_user.class, "{name}");
+                assert_eq!(class, road_user.thing.class, "{name}");
             }
         }
         let houses = bev
@@ -126,11 +126,14 @@ fn boxes_move_with_their_velocities() {
     let (now, then) = (boxes(&scene, AT), boxes(&scene, later));
     let mut moved = 0;
     for one in &now {
-        let Some(other) = then.iter().find(|other| other.instance == one.instance) else {
+        let Some(other) = then
+            .iter()
+            .find(|other| other.thing.instance == one.thing.instance)
+        else {
             continue;
         };
-        let way = other.centre() - one.centre();
-        let expected = one.velocity_mps * 0.1;
+        let way = other.thing.centre() - one.thing.centre();
+        let expected = one.velocity * 0.1;
         assert!((way - expected).xy().norm() < 0.05, "{one:?}: {way:?}");
         moved += usize::from(way.norm() > 0.1);
     }
@@ -141,12 +144,12 @@ fn boxes_move_with_their_velocities() {
 fn a_box_covers_what_is_above_its_outline() {
     let scene = Scene::generate(Name::UrbanArterial, 1);
     let mut road_user = boxes(&scene, AT)[0];
-    road_user.world_from_box = Isometry3::new(Vector3::new(5.0, 2.0, 0.0), Vector3::z() * 0.5);
-    road_user.size_m = Vector3::new(4.0, 2.0, 1.5);
-    let at = |x: f64, y: f64| road_user.world_from_box * Point3::new(x, y, 7.0);
+    road_user.thing.place = Isometry3::new(Vector3::new(5.0, 2.0, 0.0), Vector3::z() * 0.5);
+    road_user.thing.size = Vector3::new(4.0, 2.0, 1.5);
+    let at = |x: f64, y: f64| road_user.thing.place * Point3::new(x, y, 7.0);
     assert!(
-        road_user.covers(at(1.9, 0.9))
-            && !road_user.covers(at(2.1, 0.0))
-            && !road_user.covers(at(0.0, -1.1))
+        road_user.thing.covers(at(1.9, 0.9))
+            && !road_user.thing.covers(at(2.1, 0.0))
+            && !road_user.thing.covers(at(0.0, -1.1))
     );
 }

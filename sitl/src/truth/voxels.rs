@@ -13,8 +13,8 @@ pub struct Voxels {
     pub classes: BTreeMap<[i32; 3], Class>,
 }
 
-/// The voxels of this size within a box between two corners. Surfaces are sampled four times a voxel along each edge, so
-/// that none of which a tenth of a voxel's face lies inside is missed.
+/// The voxels of this size within a box between two corners. Surfaces are sampled four times a voxel along each edge:
+/// corners that reach into a voxel by less than that may be missed.
 pub fn voxels(scene: &Scene, voxel_m: f64, [low, high]: [Point3<f64>; 2]) -> Voxels {
     let mut counts: BTreeMap<([i32; 3], Class), u32> = BTreeMap::new();
     for face in scene.still() {

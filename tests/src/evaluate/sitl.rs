@@ -11,13 +11,11 @@
 
 mod sensors;
 
-use std::collections::BTreeMap;
-
 use ::sitl::depth_camera::d455;
 use ::sitl::platform;
 use ::sitl::render::{Moment, Picture, Stage};
 use ::sitl::scene::{Instance, Name, Scene};
-use ::sitl::truth::{Sight, boxes, sight};
+use ::sitl::truth::{boxes, sight};
 use maps::time::Stamp;
 use rayon::prelude::*;
 
@@ -148,33 +146,19 @@ fn drive(name: Name, seed: u64) -> Tally {
 fn look(moment: &Moment<'_>, seed: u64) -> Tally {
     let scene = moment.scene();
     let body = platform::ugv(scene, moment.at());
-    let lens = platform::ugv_lens();
     let near: Vec<Instance> = boxes(scene, moment.at())
         .iter()
-        .filter(|road_user| (road_user.centre() - body.translation().raw).norm() < REACH_M)
-        .map(|road_user| road_user.instance)
+        .filter(|user| (user.thing.centre() - body.translation().raw).norm() < REACH_M)
+        .map(|user| user.thing.instance)
         .collect();
-    let mut by_ugv: BTreeMap<Instance, Sight> = BTreeMap::new();
-    let mut clipped = 0.0;
-    for index in 0..platform::UGV_CAMERAS.len() {
-        let pose = body * platform::body_from_ugv_camera(index);
-        let picture = moment.picture(&lens, pose);
-        if index == 0 {
-            clipped = share(&picture, |level| !(5.0..250.0).contains(&level));
-        }
-        for (instance, sight) in sight(moment, &lens, pose, &picture) {
-            let sum = by_ugv.entry(instance).or_insert(Sight {
-                visible: 0,
-                alone: 0,
-            });
-            sum.visible += sight.visible;
-            sum.alone += sight.alone;
-        }
-    }
+    let views = platform::ugv_views(moment);
+    let clipped = share(&views[0].1, |level| !(5.0..250.0).contains(&level));
+    let by_ugv = sight(moment, &platform::ugv_lens(), &views);
     let camera = d455();
     let pose = platform::uav_camera(scene, moment.at(), seed);
     let picture = moment.picture(&camera, pose);
-    let by_uav = sight(moment, &camera, pose, &picture);
+    let brightness = mean_level(&picture) / 255.0;
+    let by_uav = sight(moment, &camera, &[(pose, picture)]);
     let [(objects, hidden), (uav_objects, uav_hidden)] = [&by_ugv, &by_uav].map(|seen| {
         let counted = near.iter().filter_map(|instance| seen.get(instance));
         counted
@@ -189,7 +173,7 @@ fn look(moment: &Moment<'_>, seed: u64) -> Tally {
         hidden,
         uav_objects,
         uav_hidden,
-        brightness: mean_level(&picture) / 255.0,
+        brightness,
         clipped,
     }
 }
