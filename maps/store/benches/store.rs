@@ -64,7 +64,7 @@ fn time<T>(work: impl FnOnce() -> T) -> (T, Duration) {
 
 fn main() -> Result<(), Box<dyn Error>> {
     let test = std::env::args().any(|argument| argument == "--test");
-    let (tiles, count) = if test { (4, 3) } else { (40, 12) };
+    let (tiles, count) = if test { (4, 3) } else { (16, 12) };
     let folder = tempfile::tempdir()?;
     let path = folder.path().join("map.store");
     let kinds: Vec<Vec<Tile>> = (0..8.min(tiles))
