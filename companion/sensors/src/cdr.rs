@@ -71,7 +71,7 @@ impl<'a> Reader<'a> {
         }
     }
 
-    read_numbers!(u8: u8, u32: u32, f64: f64);
+    read_numbers!(u8: u8, i8: i8, u16: u16, u32: u32, u64: u64, f32: f32, f64: f64);
 
     /// The next `N` doubles: an array of fixed length.
     pub fn f64s<const N: usize>(&mut self) -> Result<[f64; N], CdrError> {
@@ -163,7 +163,7 @@ impl Writer {
         }
     }
 
-    write_numbers!(u8: u8, u32: u32, f64: f64);
+    write_numbers!(u8: u8, i8: i8, u16: u16, u32: u32, u64: u64, f32: f32, f64: f64);
 
     /// Appends an array of fixed length.
     pub fn f64s<const N: usize>(&mut self, values: [f64; N]) {
@@ -198,7 +198,8 @@ impl Writer {
         self.message
     }
 
-    fn length(&mut self, length: usize) {
+    /// Appends the length of a sequence whose elements follow.
+    pub fn length(&mut self, length: usize) {
         self.u32(u32::try_from(length).expect("a message is shorter than 4 GiB"));
     }
 

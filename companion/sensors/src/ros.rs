@@ -1,4 +1,7 @@
-//! The ROS 2 messages that carry an RGB-D camera and its true pose, and their text definitions.
+//! The ROS 2 messages that carry what sensors say, and their text definitions, as in ROS 2 Jazzy.
+//!
+//! Here: an RGB-D camera and its true pose. [`vehicle`]: the sensors of a vehicle and its motion; [`points`]: clouds;
+//! [`mavlink`]: what went over a link.
 //!
 //! The definitions go into every file beside the data, so that Foxglove and `ros2 bag` show a recording without being
 //! told anything. Depth is `16UC1` in millimetres with 0 for nothing, or `32FC1` in metres with NaN for nothing
@@ -11,9 +14,12 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use crate::cdr::{CdrError, Reader, Writer};
 
 /// Name and definition of a message type, dependencies included.
-pub(crate) struct Schema {
-    pub(crate) name: &'static str,
-    pub(crate) text: &'static str,
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Schema {
+    /// As `sensor_msgs/msg/Image`.
+    pub name: &'static str,
+    /// In the form `ros2msg`: the fields, then those of each message within, after a line of `=`.
+    pub text: &'static str,
 }
 
 macro_rules! dependencies {
@@ -33,7 +39,38 @@ macro_rules! header {
     };
 }
 
-pub(crate) const IMAGE: Schema = Schema {
+macro_rules! vector3 {
+    () => {
+        dependencies!("geometry_msgs/Vector3": "float64 x\nfloat64 y\nfloat64 z\n")
+    };
+}
+
+macro_rules! quaternion {
+    () => {
+        dependencies!(
+            "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
+        )
+    };
+}
+
+macro_rules! pose {
+    () => {
+        concat!(
+            dependencies!(
+                "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
+                "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z\n"
+            ),
+            quaternion!()
+        )
+    };
+}
+
+pub mod mavlink;
+pub mod points;
+pub mod vehicle;
+
+/// Pixels.
+pub const IMAGE: Schema = Schema {
     name: "sensor_msgs/msg/Image",
     text: concat!(
         "std_msgs/Header header\nuint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\nuint32 step\nuint8[] data\n",
@@ -41,7 +78,8 @@ pub(crate) const IMAGE: Schema = Schema {
     ),
 };
 
-pub(crate) const CAMERA_INFO: Schema = Schema {
+/// A camera's lens.
+pub const CAMERA_INFO: Schema = Schema {
     name: "sensor_msgs/msg/CameraInfo",
     text: concat!(
         "std_msgs/Header header\nuint32 height\nuint32 width\nstring distortion_model\nfloat64[] d\nfloat64[9] k\n",
@@ -54,16 +92,22 @@ pub(crate) const CAMERA_INFO: Schema = Schema {
     ),
 };
 
-pub(crate) const POSE_STAMPED: Schema = Schema {
+/// A pose.
+pub const POSE_STAMPED: Schema = Schema {
     name: "geometry_msgs/msg/PoseStamped",
     text: concat!(
         "std_msgs/Header header\ngeometry_msgs/Pose pose\n",
         header!(),
-        dependencies!(
-            "geometry_msgs/Pose": "geometry_msgs/Point position\ngeometry_msgs/Quaternion orientation\n",
-            "geometry_msgs/Point": "float64 x\nfloat64 y\nfloat64 z\n",
-            "geometry_msgs/Quaternion": "float64 x\nfloat64 y\nfloat64 z\nfloat64 w\n"
-        )
+        pose!()
+    ),
+};
+
+/// Pixels as a file of some format.
+pub const COMPRESSED_IMAGE: Schema = Schema {
+    name: "sensor_msgs/msg/CompressedImage",
+    text: concat!(
+        "std_msgs/Header header\nstring format\nuint8[] data\n",
+        header!()
     ),
 };
 
@@ -114,6 +158,42 @@ impl<'a> Image<'a> {
         writer.string(self.encoding);
         writer.u8(u8::from(self.is_bigendian));
         writer.u32(self.step);
+        writer.bytes(self.data);
+        writer.finish()
+    }
+}
+
+/// `sensor_msgs/msg/CompressedImage`; the file is borrowed.
+#[derive(Clone, Debug, PartialEq)]
+pub struct CompressedImage<'a> {
+    /// When the shutter was open.
+    pub at: Stamp,
+    /// The camera, as `tf2` knows it.
+    pub frame_id: &'a str,
+    /// `jpeg` or `png`, perhaps with the encoding of the pixels before it.
+    pub format: &'a str,
+    /// The file.
+    pub data: &'a [u8],
+}
+
+impl<'a> CompressedImage<'a> {
+    /// Reads a message.
+    pub fn decode(message: &'a [u8]) -> Result<Self, CdrError> {
+        let mut reader = Reader::new(message)?;
+        let (at, frame_id) = read_header(&mut reader)?;
+        Ok(Self {
+            at,
+            frame_id,
+            format: reader.string()?,
+            data: reader.bytes()?,
+        })
+    }
+
+    /// The message in CDR.
+    pub fn encode(&self) -> Vec<u8> {
+        let mut writer = Writer::new();
+        write_header(&mut writer, self.at, self.frame_id);
+        writer.string(self.format);
         writer.bytes(self.data);
         writer.finish()
     }
@@ -193,37 +273,65 @@ pub fn encode_camera_info(at: Stamp, frame_id: &str, camera: &Pinhole) -> Vec<u8
 pub fn decode_pose(message: &[u8]) -> Result<(Stamp, Option<Isometry3<f64>>), CdrError> {
     let mut reader = Reader::new(message)?;
     let (at, _frame_id) = read_header(&mut reader)?;
-    let [x, y, z] = reader.f64s::<3>()?;
-    let [i, j, k, w] = reader.f64s::<4>()?;
-    let finite = [x, y, z, i, j, k, w].iter().all(|c| c.is_finite());
-    let rotation = UnitQuaternion::try_new(Quaternion::new(w, i, j, k), 1e-6);
-    let pose = rotation.map(|r| Isometry3::from_parts(Translation3::new(x, y, z), r));
-    Ok((at, pose.filter(|_| finite)))
+    Ok((at, read_pose(&mut reader)?))
 }
 
 /// `geometry_msgs/msg/PoseStamped` of this pose, in CDR.
 pub fn encode_pose(at: Stamp, frame_id: &str, pose: &Isometry3<f64>) -> Vec<u8> {
     let mut writer = Writer::new();
     write_header(&mut writer, at, frame_id);
+    write_pose(&mut writer, pose);
+    writer.finish()
+}
+
+/// A `geometry_msgs/msg/Pose` or `Transform`: both are a place and a quaternion.
+fn read_pose(reader: &mut Reader<'_>) -> Result<Option<Isometry3<f64>>, CdrError> {
+    let [x, y, z] = reader.f64s::<3>()?;
+    let [i, j, k, w] = reader.f64s::<4>()?;
+    let finite = [x, y, z, i, j, k, w].iter().all(|c| c.is_finite());
+    let rotation = UnitQuaternion::try_new(Quaternion::new(w, i, j, k), 1e-6);
+    let pose = rotation.map(|r| Isometry3::from_parts(Translation3::new(x, y, z), r));
+    Ok(pose.filter(|_| finite))
+}
+
+fn write_pose(writer: &mut Writer, pose: &Isometry3<f64>) {
     writer.f64s(pose.translation.vector.into());
     writer.f64s(pose.rotation.coords.into());
-    writer.finish()
+}
+
+/// Puts another stamp on a message that begins with a `std_msgs/msg/Header`. Anything
+/// shorter is left as it is.
+pub fn restamp(message: &mut [u8], at: Stamp) {
+    let mut writer = Writer::new();
+    write_time(&mut writer, at);
+    let stamp = writer.finish();
+    if let Some(header) = message.get_mut(..stamp.len()) {
+        header.copy_from_slice(&stamp);
+    }
 }
 
 const NANOS_PER_SECOND: u64 = 1_000_000_000;
 
 fn read_header<'a>(reader: &mut Reader<'a>) -> Result<(Stamp, &'a str), CdrError> {
-    // `int32 sec` in the definition, taken as unsigned: no camera ran before 1970, and it lasts until 2106.
-    let seconds = u64::from(reader.u32()?);
-    let nanos = u64::from(reader.u32()?);
-    let at = Stamp::from_nanos(seconds * NANOS_PER_SECOND + nanos);
-    Ok((at, reader.string()?))
+    Ok((read_time(reader)?, reader.string()?))
 }
 
 fn write_header(writer: &mut Writer, at: Stamp, frame_id: &str) {
+    write_time(writer, at);
+    writer.string(frame_id);
+}
+
+/// `builtin_interfaces/msg/Time`. `int32 sec` in the definition, taken as unsigned: no camera ran before 1970, and it
+/// lasts until 2106.
+fn read_time(reader: &mut Reader<'_>) -> Result<Stamp, CdrError> {
+    let seconds = u64::from(reader.u32()?);
+    let nanos = u64::from(reader.u32()?);
+    Ok(Stamp::from_nanos(seconds * NANOS_PER_SECOND + nanos))
+}
+
+fn write_time(writer: &mut Writer, at: Stamp) {
     writer.u32((at.as_nanos() / NANOS_PER_SECOND) as u32);
     writer.u32((at.as_nanos() % NANOS_PER_SECOND) as u32);
-    writer.string(frame_id);
 }
 
 #[cfg(test)]

@@ -1,4 +1,4 @@
-//! Writes an RGB-D recording.
+//! Writes ROS 2 messages to a file.
 
 use std::collections::BTreeMap;
 use std::fs::File;
@@ -6,13 +6,13 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 use ::mcap::records::{MessageHeader, Metadata};
-use ::mcap::{McapError, WriteOptions};
+use ::mcap::{Attachment, McapError, WriteOptions};
 use maps::camera::{Pinhole, RgbdFrame};
 use maps::frame::{Camera, Isometry, World};
 use maps::time::Stamp;
 
 use super::Topics;
-use crate::ros::{self, Image, Schema};
+use crate::message::{self, Message};
 
 /// Why a recording cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -24,27 +24,23 @@ pub struct WriteError {
     pub source: McapError,
 }
 
-/// Writes one camera's frames and true poses to a file, uncompressed. What was written before a crash can be read;
-/// [`Writer::finish`] adds the index by which viewers seek.
+/// Writes messages to a file, uncompressed, each topic with the definition of its type. What was written before a crash
+/// can be read; [`Writer::finish`] adds the index by which viewers seek.
 pub struct Writer {
     path: PathBuf,
+    topics: Topics,
     file: ::mcap::Writer<BufWriter<File>>,
-    color: Channel,
-    depth: Channel,
-    camera_info: Channel,
-    truth: Channel,
+    channels: BTreeMap<String, Channel>,
 }
 
+#[derive(Clone, Copy)]
 struct Channel {
     id: u16,
     sequence: u32,
 }
 
-const CAMERA_FRAME: &str = "camera_color_optical_frame";
-const WORLD_FRAME: &str = "world";
-
 impl Writer {
-    /// Starts a file, replacing one that is there.
+    /// Starts a file, replacing one that is there. `topics` are those of its RGB-D camera.
     pub fn create(path: &Path, topics: &Topics) -> Result<Self, WriteError> {
         let error = |source| WriteError {
             path: path.to_owned(),
@@ -52,23 +48,11 @@ impl Writer {
         };
         let file = File::create(path).map_err(|e| error(e.into()))?;
         let options = WriteOptions::new().profile("ros2").compression(None);
-        let mut file = options.create(BufWriter::new(file)).map_err(error)?;
-        let mut channel = |topic: &str, schema: &Schema| -> Result<Channel, McapError> {
-            let schema = file.add_schema(schema.name, "ros2msg", schema.text.as_bytes())?;
-            let id = file.add_channel(schema, topic, "cdr", &BTreeMap::new())?;
-            Ok(Channel { id, sequence: 0 })
-        };
-        let color = channel(&topics.color, &ros::IMAGE).map_err(error)?;
-        let depth = channel(&topics.depth, &ros::IMAGE).map_err(error)?;
-        let camera_info = channel(&topics.camera_info, &ros::CAMERA_INFO).map_err(error)?;
-        let truth = channel(&topics.truth, &ros::POSE_STAMPED).map_err(error)?;
         Ok(Self {
             path: path.to_owned(),
-            file,
-            color,
-            depth,
-            camera_info,
-            truth,
+            topics: topics.clone(),
+            file: options.create(BufWriter::new(file)).map_err(error)?,
+            channels: BTreeMap::new(),
         })
     }
 
@@ -86,39 +70,61 @@ impl Writer {
         self.checked(outcome)
     }
 
+    /// Puts a small text file into the recording.
+    pub fn attach(&mut self, name: &str, text: &str) -> Result<(), WriteError> {
+        let outcome = self.file.attach(&Attachment {
+            log_time: 0,
+            create_time: 0,
+            name: name.to_owned(),
+            media_type: "text/plain".to_owned(),
+            data: text.as_bytes().into(),
+        });
+        self.checked(outcome)
+    }
+
+    /// Appends a message that came in then, by the recorder's clock.
+    pub fn write(&mut self, logged: Stamp, message: &Message<'_>) -> Result<(), WriteError> {
+        let outcome = self.append(logged, message);
+        self.checked(outcome)
+    }
+
+    fn append(&mut self, logged: Stamp, message: &Message<'_>) -> Result<(), McapError> {
+        let channel = match self.channels.get_mut(message.topic) {
+            Some(channel) => channel,
+            None => {
+                let schema = message.schema;
+                let text = schema.text.as_bytes();
+                let schema = self.file.add_schema(schema.name, "ros2msg", text)?;
+                let none = BTreeMap::new();
+                let id = self.file.add_channel(schema, message.topic, "cdr", &none)?;
+                let topic = message.topic.to_owned();
+                let new = Channel { id, sequence: 0 };
+                self.channels.entry(topic).or_insert(new)
+            }
+        };
+        let header = MessageHeader {
+            channel_id: channel.id,
+            sequence: channel.sequence,
+            log_time: logged.as_nanos(),
+            publish_time: message.at.as_nanos(),
+        };
+        channel.sequence = channel.sequence.wrapping_add(1);
+        self.file.write_to_known_channel(&header, &message.bytes)
+    }
+
     /// Appends the camera. A reader needs it once; players that seek need it now and then.
     pub fn camera(&mut self, at: Stamp, camera: &Pinhole) -> Result<(), WriteError> {
-        let message = ros::encode_camera_info(at, CAMERA_FRAME, camera);
-        let outcome = write(&mut self.file, &mut self.camera_info, at, &message);
+        let outcome = self.append(at, &message::camera(&self.topics.clone(), at, camera));
         self.checked(outcome)
     }
 
     /// Appends a frame: colour as `rgb8`, depth as `16UC1`, which is to the millimetre and up to 65.5 m.
     pub fn frame(&mut self, frame: &RgbdFrame) -> Result<(), WriteError> {
-        let image = Image {
-            at: frame.at,
-            frame_id: CAMERA_FRAME,
-            width: frame.width as u32,
-            height: frame.height as u32,
-            encoding: "rgb8",
-            is_bigendian: false,
-            step: 3 * frame.width as u32,
-            data: frame.rgb.as_flattened(),
-        };
-        let outcome = write(&mut self.file, &mut self.color, frame.at, &image.encode());
-        self.checked(outcome)?;
-        let millimetres: Vec<u8> = frame
-            .depth_m
-            .iter()
-            .flat_map(|&depth| millimetres(depth).to_le_bytes())
-            .collect();
-        let image = Image {
-            encoding: "16UC1",
-            step: 2 * frame.width as u32,
-            data: &millimetres,
-            ..image
-        };
-        let outcome = write(&mut self.file, &mut self.depth, frame.at, &image.encode());
+        let topics = self.topics.clone();
+        let [color, depth] = message::frame(&topics, frame);
+        let outcome = self
+            .append(frame.at, &color)
+            .and_then(|()| self.append(frame.at, &depth));
         self.checked(outcome)
     }
 
@@ -128,8 +134,8 @@ impl Writer {
         at: Stamp,
         world_from_camera: &Isometry<World, Camera>,
     ) -> Result<(), WriteError> {
-        let message = ros::encode_pose(at, WORLD_FRAME, &world_from_camera.raw);
-        let outcome = write(&mut self.file, &mut self.truth, at, &message);
+        let topics = self.topics.clone();
+        let outcome = self.append(at, &message::truth(&topics, at, world_from_camera));
         self.checked(outcome)
     }
 
@@ -144,31 +150,5 @@ impl Writer {
             path: self.path.clone(),
             source,
         })
-    }
-}
-
-fn write(
-    file: &mut ::mcap::Writer<BufWriter<File>>,
-    channel: &mut Channel,
-    at: Stamp,
-    message: &[u8],
-) -> Result<(), McapError> {
-    let header = MessageHeader {
-        channel_id: channel.id,
-        sequence: channel.sequence,
-        log_time: at.as_nanos(),
-        publish_time: at.as_nanos(),
-    };
-    channel.sequence = channel.sequence.wrapping_add(1);
-    file.write_to_known_channel(&header, message)
-}
-
-/// 0, which is nothing, for what is not finite, not positive or too far.
-fn millimetres(depth_m: f32) -> u16 {
-    let millimetres = (depth_m * 1000.0).round();
-    if millimetres > 0.0 && millimetres < f32::from(u16::MAX) {
-        millimetres as u16
-    } else {
-        0
     }
 }
