@@ -83,7 +83,7 @@ fn vehicles(seconds: f64) {
         y_m: 0.0,
         heading_deg: 0.0,
     };
-    let mut simulation = Simulation::new([copter(&origin, 1), rover(&origin, start, 1)]);
+    let mut simulation = Simulation::new([copter(&origin, None, 1), rover(&origin, start, 1)]);
     let steps = (seconds / STEP.as_secs_f64()).ceil() as u64;
     let began = now();
     let frames: usize = (0..steps)

@@ -2,8 +2,8 @@
 //!
 //! - [`scene`]: a room and five kinds of streets, generated from a seed; [`traffic`]: who moves in a street.
 //! - [`render`], [`rays`]: what cameras and rays meet; [`depth_camera`], [`lidar`]: what sensors make of it.
-//! - [`platform`], [`flight`]: where the sensors are; [`truth`]: what is really there; [`poster`]: all of it to look at.
-//! - [`record`]: the drone's camera in a file, with exact truth.
+//! - [`platform`], [`flight`], [`way`]: where the sensors are; [`truth`]: what is really there; [`poster`]: all of it to look at.
+//! - [`rig`]: all sensors of both vehicles, message by message; [`record`]: the same in a file.
 //! - [`vehicle`]: how a quadrotor and a small car move, and what their sensors say.
 //! - [`sensor`]: what its other sensors make of the truth: inertial, satellite, radar and so on.
 //! - [`autopilot`]: flies and drives them, and talks MAVLink like `ArduPilot`.
@@ -24,6 +24,7 @@ pub mod rays;
 pub mod record;
 pub mod render;
 pub mod report;
+pub mod rig;
 pub mod run;
 pub mod scene;
 pub mod sensor;
@@ -31,4 +32,5 @@ pub mod simulation;
 pub mod traffic;
 pub mod truth;
 pub mod vehicle;
+pub mod way;
 pub mod wgs84;

@@ -12,10 +12,13 @@ use std::time::{Duration, Instant};
 use anyhow::Context as _;
 use clap::{Args, Parser, Subcommand};
 use maps::time::Stamp;
+use sitl::link::Profile;
 use sitl::poster::{Canvas, poster};
+use sitl::rig::Setup;
 use sitl::run::{QUEUE, Settings, run};
 use sitl::scene::Name;
-use sitl::simulation::{Event, STEP, Start};
+use sitl::sensor::clock::ClockModel;
+use sitl::simulation::{AIR, Event, STEP, Start};
 use sitl::wgs84::Origin;
 use tracing_subscriber::EnvFilter;
 
@@ -61,9 +64,24 @@ struct RunArgs {
     /// Seed of the scene and all noise.
     #[arg(long, default_value_t = 1)]
     seed: u64,
-    /// Records what the drone's camera sees, with the truth, as ROS 2 messages in an MCAP file (23 MB a second).
+    /// Records what all sensors say, with the truth, as ROS 2 messages in an MCAP file: 30 MB a second in a street.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
+    /// Which sensors are recorded, such as uav,ugv/lidar. Default: all of uav and ugv, in the room of uav.
+    #[arg(long, value_name = "SENSOR", value_delimiter = ',')]
+    aboard: Vec<String>,
+    /// Records which thing and which class each pixel of the drone's camera shows, too.
+    #[arg(long)]
+    masks: bool,
+    /// A script of what breaks when, a line each: TIME SENSOR off|frozen|noise FACTOR|delay SECONDS [SPAN].
+    #[arg(long, value_name = "FILE")]
+    faults: Option<PathBuf>,
+    /// The vehicles' clocks.
+    #[arg(long, value_enum, default_value = "ideal")]
+    clocks: Clocks,
+    /// What happens to frames between the autopilots and their links.
+    #[arg(long, value_name = "PROFILE", default_value = "ideal", value_parser = Profile::NAMES)]
+    link: String,
     /// Shows nothing but warnings and errors: no line with where the vehicles are, no news.
     #[arg(long)]
     headless: bool,
@@ -84,18 +102,47 @@ struct RunArgs {
         allow_hyphen_values = true
     )]
     origin: Origin,
-    /// Where the rover starts: metres east and north of the origin, degrees clockwise from north.
+    /// Where the rover starts: metres east and north of the origin, degrees clockwise from north. Default: where the scene has its ground vehicle, in the room 0,0,90.
     #[arg(
         long,
         value_name = "X,Y,HEADING_DEG",
         requires = "rover",
-        default_value = "0,0,90",
         allow_hyphen_values = true
     )]
-    rover_start: Start,
+    rover_start: Option<Start>,
     /// Writes what truly happened, as JSON, at the end.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+}
+
+/// How good the vehicles' clocks are.
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum Clocks {
+    /// The truth.
+    Ideal,
+    /// Crystals that were set by hand: 0.3 s ahead and 20 ppm fast on the drone, 20 ppm slow on the ground vehicle.
+    Crystal,
+    /// Disciplined by satellites: they drift by 1 ppm.
+    Gnss,
+}
+
+impl Clocks {
+    fn models(self) -> [ClockModel; 2] {
+        match self {
+            Self::Ideal => [ClockModel::IDEAL; 2],
+            Self::Crystal => [
+                ClockModel {
+                    start: Stamp::from_nanos(300_000_000),
+                    ..ClockModel::CRYSTAL
+                },
+                ClockModel {
+                    drift_ppm: -ClockModel::CRYSTAL.drift_ppm,
+                    ..ClockModel::CRYSTAL
+                },
+            ],
+            Self::Gnss => [ClockModel::TEMPERATURE_COMPENSATED; 2],
+        }
+    }
 }
 
 fn seconds(text: &str) -> Result<Duration, String> {
@@ -153,15 +200,25 @@ fn execute_run(args: RunArgs) -> anyhow::Result<()> {
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
         .init();
+    let mut setup = Setup::new(args.scene, args.seed, args.origin);
+    setup.clocks = args.clocks.models();
+    setup.masks = args.masks;
+    if !args.aboard.is_empty() {
+        setup.aboard = args.aboard;
+    }
+    if let Some(file) = &args.faults {
+        let text = std::fs::read_to_string(file)
+            .with_context(|| format!("cannot read {}", file.display()))?;
+        setup.faults = text.parse().with_context(|| file.display().to_string())?;
+    }
     let settings = Settings {
-        scene: args.scene,
-        seed: args.seed,
+        setup,
         record: args.record,
         duration: args.duration,
         copter: args.copter,
         rover: args.rover,
-        origin: args.origin,
         rover_start: args.rover_start,
+        link: Profile::named(&args.link).context("no such link")?,
         report: args.report,
     };
     let (inbox, events) = sync_channel(QUEUE);
@@ -174,9 +231,10 @@ fn execute_run(args: RunArgs) -> anyhow::Result<()> {
     .context("cannot listen for ctrl-c")?;
     if settings.has_links() {
         let ticks = inbox.clone();
+        let is_emulated = settings.link != Profile::IDEAL;
         thread::Builder::new()
             .name("clock".into())
-            .spawn(move || tick(start, &ticks))?;
+            .spawn(move || tick(start, is_emulated, &ticks))?;
     }
     let clock =
         move || Stamp::from_nanos(u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX));
@@ -188,18 +246,30 @@ fn execute_run(args: RunArgs) -> anyhow::Result<()> {
         }
     })?;
     if let Some(recording) = &report.recording {
-        tracing::info!(frames = recording.frames, seconds = recording.seconds, file = %recording.file.display(), "recorded");
+        let messages: u64 = recording.messages.values().sum();
+        tracing::info!(messages, seconds = recording.seconds, file = %recording.file.display(), "recorded");
     }
     Ok(())
 }
 
-/// A tick per step of real time. A machine that falls behind catches up: no step is left out.
+/// A tick per step of real time, and between them one more often for emulated links. A machine that falls behind catches
+/// up: no step is left out.
 #[expect(clippy::disallowed_methods, reason = "the clock of the program")]
-fn tick(start: Instant, ticks: &SyncSender<Event>) {
-    for step in 1.. {
-        let due = STEP * step;
+fn tick(start: Instant, is_emulated: bool, ticks: &SyncSender<Event>) {
+    let per_step = if is_emulated {
+        STEP.as_millis() / AIR.as_millis()
+    } else {
+        1
+    } as u32;
+    for count in 1.. {
+        let due = STEP * count / per_step;
         thread::sleep(due.saturating_sub(start.elapsed()));
-        if ticks.send(Event::Tick).is_err() {
+        let event = if count.is_multiple_of(per_step) {
+            Event::Tick
+        } else {
+            Event::Air
+        };
+        if ticks.send(event).is_err() {
             return;
         }
     }

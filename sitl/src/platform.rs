@@ -4,23 +4,80 @@
 //! looks down at what lies before it, as in the field experiments of the paper (5 to 8 m ahead).
 
 use std::f64::consts::FRAC_PI_2;
+use std::time::Duration;
 
 use maps::camera::Pinhole;
-use maps::frame::{Body, Camera, Isometry, World};
+use maps::frame::{Body, Camera, Isometry, Vector, World};
 use maps::time::Stamp;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 
 use crate::noise::{at_cell, unit};
 use crate::render::{Moment, Picture};
 use crate::scene::Scene;
+use crate::vehicle::Motion;
 
 /// How far the drone is ahead of it.
 const AHEAD_M: f64 = 6.5;
 /// How far below the horizon the drone's camera looks.
 const TILT_RAD: f64 = 0.75;
 
+/// Half of the time over which velocities and accelerations are taken.
+const HALF_SPAN: Duration = Duration::from_millis(20);
+
+/// One of the two vehicles.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, clap::ValueEnum)]
+pub enum Platform {
+    /// The drone.
+    Uav,
+    /// The ground vehicle.
+    Ugv,
+}
+
+impl Platform {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Uav, Self::Ugv];
+
+    /// As its topics and sensors are named.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Uav => "uav",
+            Self::Ugv => "ugv",
+        }
+    }
+
+    /// Where it is.
+    pub fn pose(self, scene: &Scene, at: Stamp, seed: u64) -> Isometry<World, Body> {
+        match self {
+            Self::Uav => uav(scene, at, seed),
+            Self::Ugv => ugv(scene, at),
+        }
+    }
+
+    /// Where it is, how it moves, and its acceleration in m/s²: differences over 40 ms, in the first 20 ms those of then.
+    pub fn motion(self, scene: &Scene, at: Stamp, seed: u64) -> (Motion, Vector<World>) {
+        let middle = at.max(Stamp::ZERO + HALF_SPAN);
+        let before = Stamp::ZERO + middle.since(Stamp::ZERO + HALF_SPAN);
+        let [before, now, after] =
+            [before, middle, middle + HALF_SPAN].map(|at| self.pose(scene, at, seed).raw);
+        let half_s = HALF_SPAN.as_secs_f64();
+        let [a, b, c] = [before, now, after].map(|pose| pose.translation.vector);
+        let turned = after.rotation * before.rotation.inverse();
+        let rates = turned.scaled_axis() / (2.0 * half_s);
+        let motion = Motion {
+            world_from_body: self.pose(scene, at, seed),
+            velocity: Vector::from_raw((c - a) / (2.0 * half_s)),
+            rates: Vector::from_raw(now.rotation.inverse() * rates),
+        };
+        let acceleration = (c - b * 2.0 + a) / (half_s * half_s);
+        (motion, Vector::from_raw(acceleration))
+    }
+}
+
 /// The ground vehicle: the middle of its footprint.
 pub fn ugv(scene: &Scene, at: Stamp) -> Isometry<World, Body> {
+    if let Some(way) = scene.way(Platform::Ugv) {
+        return way.pose(at);
+    }
     let Some(street) = scene.street() else {
         return Isometry::claim(Isometry3::identity());
     };
@@ -30,6 +87,9 @@ pub fn ugv(scene: &Scene, at: Stamp) -> Isometry<World, Body> {
 
 /// The drone.
 pub fn uav(scene: &Scene, at: Stamp, seed: u64) -> Isometry<World, Body> {
+    if let Some(way) = scene.way(Platform::Uav) {
+        return way.pose(at);
+    }
     let Some(street) = scene.street() else {
         return crate::flight::world_from_body(at, seed);
     };
@@ -53,12 +113,17 @@ pub fn uav(scene: &Scene, at: Stamp, seed: u64) -> Isometry<World, Body> {
 
 /// The drone's camera.
 pub fn uav_camera(scene: &Scene, at: Stamp, seed: u64) -> Isometry<World, Camera> {
+    uav(scene, at, seed) * body_from_uav_camera(scene)
+}
+
+/// Where the drone's camera is on it: in a street it looks farther down.
+pub fn body_from_uav_camera(scene: &Scene) -> Isometry<Body, Camera> {
     if scene.street().is_none() {
-        return crate::flight::world_from_camera(at, seed);
+        return crate::flight::body_from_camera();
     }
     let tilt = UnitQuaternion::from_axis_angle(&Vector3::y_axis(), TILT_RAD);
-    let mount = Isometry3::from_parts(Vector3::new(0.1, 0.0, -0.05).into(), tilt * optical());
-    Isometry::claim(uav(scene, at, seed).raw * mount)
+    let forward = Vector3::new(0.1, 0.0, -0.05);
+    Isometry::claim(Isometry3::from_parts(forward.into(), tilt * optical()))
 }
 
 /// The ground vehicle's cameras: front, left, rear and right, each half above the other, 1 m above the ground.

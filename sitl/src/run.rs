@@ -1,12 +1,14 @@
 //! One run: links, recorder and vehicles around the pure [`Simulation`].
+//!
+//! Without links the scene's own vehicles are recorded, as fast as the machine can draw. With links, vehicles go where
+//! their autopilots take them, in real time; their sensors go along, and what they see is drawn as soon as it can be:
+//! the recording of a run is late, never incomplete.
 
 use std::fs::{self, File};
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicBool, Ordering};
-use std::sync::mpsc::{Receiver, SyncSender};
-use std::thread::{self, JoinHandle};
+use std::sync::mpsc::{Receiver, Sender, SyncSender, channel};
 use std::time::Duration;
 
 use anyhow::{Context as _, bail};
@@ -14,12 +16,18 @@ use maps::time::Stamp;
 use mavlink_ext::RawFrame;
 use mavlink_ext::link::Link;
 
-use crate::flight::LAP;
-use crate::record::{self, Plan, Recording};
+use crate::link::{Channel, Profile};
+use crate::platform::Platform;
+use crate::record::{Follow, Heard};
 use crate::report::Report;
-use crate::scene::Name;
-use crate::simulation::{Event, Simulation, Start, copter, rover};
-use crate::wgs84::Origin;
+use crate::rig::Setup;
+use crate::scene::Scene;
+use crate::sensor::child_seed;
+use crate::simulation::{Event, STEP, Simulation, Start, copter, rover};
+use crate::way::Way;
+use recorder::Recorder;
+
+mod recorder;
 
 /// Frames and ticks that may wait. A tick that finds no room waits, a frame is lost as in the air.
 pub const QUEUE: usize = 1024;
@@ -27,11 +35,9 @@ pub const QUEUE: usize = 1024;
 /// What to run.
 #[derive(Clone, Debug)]
 pub struct Settings {
-    /// The scene.
-    pub scene: Name,
-    /// Seed of everything random.
-    pub seed: u64,
-    /// Where to record what the drone's camera sees.
+    /// The scene, its seed and place on Earth, and the sensors in it.
+    pub setup: Setup,
+    /// Where to record what sensors see.
     pub record: Option<PathBuf>,
     /// How long to run; without it until it is stopped.
     pub duration: Option<Duration>,
@@ -39,10 +45,10 @@ pub struct Settings {
     pub copter: Option<String>,
     /// Link of the rover's autopilot.
     pub rover: Option<String>,
-    /// Where the world is on Earth.
-    pub origin: Origin,
-    /// Where the rover starts.
-    pub rover_start: Start,
+    /// Where the rover starts; where the scene has its ground vehicle, if none.
+    pub rover_start: Option<Start>,
+    /// What happens to frames between the autopilots and their links.
+    pub link: Profile,
     /// Where to write the report.
     pub report: Option<PathBuf>,
 }
@@ -62,41 +68,51 @@ pub fn run(
     settings: &Settings,
     (inbox, events): (&SyncSender<Event>, &Receiver<Event>),
     clock: impl Fn() -> Stamp + Clone + Send + 'static,
-    watch: impl FnMut(&Simulation),
+    mut watch: impl FnMut(&Simulation),
 ) -> anyhow::Result<Report> {
     check(settings)?;
-    let mut autopilots = Vec::new();
-    let mut links = Vec::new();
-    for (uri, autopilot) in [
-        (&settings.copter, copter(&settings.origin, settings.seed)),
-        (
-            &settings.rover,
-            rover(&settings.origin, settings.rover_start, settings.seed),
-        ),
-    ] {
-        if let Some(uri) = uri {
-            let deliver = deliver(inbox.clone(), links.len(), clock.clone());
-            links.push(Link::open(uri, deliver)?);
-            tracing::info!(address = %autopilot.address(), uri, "autopilot is up");
-            autopilots.push(autopilot);
-        }
-    }
-    let mut simulation = Simulation::new(autopilots);
+    let mut party = Party::open(settings, inbox, &clock)?;
+    let follow = settings.has_links().then(|| party.follow());
     let recorder = settings
         .record
         .as_ref()
-        .map(|file| Recorder::start(settings, file, inbox))
+        .map(|file| Recorder::start(settings, file, follow, inbox))
         .transpose()?;
-    attend(settings, &mut simulation, (events, &links), watch);
-    let recording = recorder.map(Recorder::finish).transpose()?;
-    if let Some(recording) = recording.as_ref().filter(|recording| recording.stopped) {
-        tracing::warn!(
-            frames = recording.frames,
-            "the run ended before the recording: without --copter and --rover it is as long as --duration says"
-        );
+    if recorder.is_none() {
+        party.forget();
     }
-    let scene = settings.scene.to_string();
-    let report = Report::new(&scene, settings.seed, &simulation, recording);
+    let end = settings
+        .duration
+        .filter(|_| settings.has_links())
+        .map(|duration| Stamp::ZERO + duration);
+    while let Ok(event) = events.recv() {
+        if matches!(event, Event::Stop) || end.is_some_and(|end| party.simulation.now() >= end) {
+            break;
+        }
+        party.attend(&event, clock());
+        watch(&party.simulation);
+    }
+    party.end();
+    let recording = recorder
+        .map(|recorder| {
+            if settings.has_links() {
+                tracing::info!(
+                    "drawing what is left of the recording; stop once more to leave it out"
+                );
+                recorder.catch_up(events);
+            } else {
+                recorder.stop();
+            }
+            recorder.finish()
+        })
+        .transpose()?;
+    let setup = &settings.setup;
+    let report = Report::new(
+        &setup.scene.to_string(),
+        setup.seed,
+        &party.simulation,
+        recording,
+    );
     if let Some(path) = &settings.report {
         let file = File::create(path)
             .with_context(|| format!("cannot write the report to {}", path.display()))?;
@@ -116,6 +132,168 @@ fn check(settings: &Settings) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// A vehicle's connection: its link, what the air does to it, and where the vehicle goes.
+struct Station {
+    name: &'static str,
+    platform: Platform,
+    link: Link,
+    up: Channel<RawFrame>,
+    down: Channel<RawFrame>,
+    way: Arc<Way>,
+}
+
+/// The vehicles with their links.
+struct Party {
+    simulation: Simulation,
+    /// In the order of the simulation's vehicles.
+    stations: Vec<Station>,
+    /// To the recorder, if there is one.
+    heard: Option<Sender<Heard>>,
+}
+
+impl Party {
+    fn open(
+        settings: &Settings,
+        inbox: &SyncSender<Event>,
+        clock: &(impl Fn() -> Stamp + Clone + Send + 'static),
+    ) -> anyhow::Result<Self> {
+        let Setup { origin, seed, .. } = &settings.setup;
+        let mut autopilots = Vec::new();
+        let mut stations = Vec::new();
+        for (name, platform, uri) in [
+            ("copter", Platform::Uav, &settings.copter),
+            ("rover", Platform::Ugv, &settings.rover),
+        ] {
+            let Some(uri) = uri else { continue };
+            let autopilot = match platform {
+                Platform::Uav => copter(origin, beside_rover(settings), *seed),
+                Platform::Ugv => rover(origin, rover_start(settings), *seed),
+            };
+            let deliver = deliver(inbox.clone(), stations.len(), clock.clone());
+            let channel = |direction| {
+                let seed = child_seed(*seed, &format!("{name}/{direction}"));
+                Channel::new(settings.link.clone(), seed)
+            };
+            stations.push(Station {
+                name,
+                platform,
+                link: Link::open(uri, deliver)?,
+                up: channel("up"),
+                down: channel("down"),
+                way: Arc::new(Way::new(STEP, autopilot.truth().world_from_body)),
+            });
+            tracing::info!(address = %autopilot.address(), uri, "autopilot is up");
+            autopilots.push(autopilot);
+        }
+        Ok(Self {
+            simulation: Simulation::new(autopilots),
+            stations,
+            heard: None,
+        })
+    }
+
+    /// What a recorder needs to go along.
+    fn follow(&mut self) -> Follow {
+        let (heard, frames) = channel();
+        self.heard = Some(heard);
+        let ways = self.stations.iter();
+        Follow {
+            ways: ways.map(|s| (s.platform, Arc::clone(&s.way))).collect(),
+            frames,
+        }
+    }
+
+    /// Nobody records.
+    fn forget(&mut self) {
+        self.heard = None;
+    }
+
+    /// One event, and what it has to do with the air.
+    fn attend(&mut self, event: &Event, now: Stamp) {
+        if let Event::Frame { vehicle, frame, .. } = event {
+            let bytes = frame.bytes().len();
+            self.stations[*vehicle].up.send(now, frame.clone(), bytes);
+        } else {
+            let frames = self.simulation.step(event);
+            self.send(frames, now);
+        }
+        if matches!(event, Event::Tick) {
+            for (station, vehicle) in self.stations.iter().zip(self.simulation.vehicles()) {
+                station.way.push(vehicle.truth().world_from_body);
+            }
+        }
+        for vehicle in 0..self.stations.len() {
+            for frame in self.stations[vehicle].up.arrived(now) {
+                self.record(vehicle, false, &frame);
+                let event = Event::Frame {
+                    vehicle,
+                    at: now,
+                    frame,
+                };
+                let answers = self.simulation.step(&event);
+                self.send(answers, now);
+            }
+        }
+        for station in &mut self.stations {
+            for frame in station.down.arrived(now) {
+                if let Err(error) = station.link.send(&frame) {
+                    tracing::warn!(%error, vehicle = station.name, "a frame is lost");
+                }
+            }
+        }
+    }
+
+    fn send(&mut self, frames: Vec<(usize, RawFrame)>, now: Stamp) {
+        for (vehicle, frame) in frames {
+            self.record(vehicle, true, &frame);
+            let bytes = frame.bytes().len();
+            self.stations[vehicle].down.send(now, frame, bytes);
+        }
+    }
+
+    fn record(&mut self, vehicle: usize, is_sent: bool, frame: &RawFrame) {
+        let heard = Heard {
+            at: self.simulation.now(),
+            vehicle: self.stations[vehicle].name,
+            is_sent,
+            frame: frame.clone(),
+        };
+        // A recorder that has failed says so at the end.
+        self.heard = self
+            .heard
+            .take()
+            .filter(|recorder| recorder.send(heard).is_ok());
+    }
+
+    fn end(&mut self) {
+        self.heard = None;
+        for station in &self.stations {
+            station.way.end();
+        }
+    }
+}
+
+/// Where the rover starts.
+fn rover_start(settings: &Settings) -> Start {
+    settings.rover_start.unwrap_or_else(|| {
+        let scene = Scene::generate(settings.setup.scene, settings.setup.seed);
+        Start::of(crate::platform::ugv(&scene, Stamp::ZERO))
+    })
+}
+
+/// Where the copter starts in a street: on the roadway beside the rover.
+fn beside_rover(settings: &Settings) -> Option<Start> {
+    (settings.setup.scene != crate::scene::Name::Room).then(|| {
+        let rover = rover_start(settings);
+        let left = rover.heading_deg.to_radians();
+        Start {
+            x_m: rover.x_m - 1.2 * left.cos(),
+            y_m: rover.y_m + 1.2 * left.sin(),
+            ..rover
+        }
+    })
+}
+
 fn deliver(
     inbox: SyncSender<Event>,
     vehicle: usize,
@@ -129,79 +307,6 @@ fn deliver(
         };
         if inbox.try_send(event).is_err() {
             tracing::debug!(vehicle, "queue is full, a frame is lost");
-        }
-    }
-}
-
-/// The loop: events in, frames out. Without links it only waits for the recorder.
-fn attend(
-    settings: &Settings,
-    simulation: &mut Simulation,
-    (events, links): (&Receiver<Event>, &[Link]),
-    mut watch: impl FnMut(&Simulation),
-) {
-    let end = settings
-        .duration
-        .filter(|_| settings.has_links())
-        .map(|duration| Stamp::ZERO + duration);
-    while let Ok(event) = events.recv() {
-        if matches!(event, Event::Stop) || end.is_some_and(|end| simulation.now() >= end) {
-            return;
-        }
-        for (vehicle, frame) in simulation.step(&event) {
-            if let Err(error) = links[vehicle].send(&frame) {
-                tracing::warn!(%error, "a frame is lost");
-            }
-        }
-        watch(simulation);
-    }
-}
-
-/// A thread that records.
-struct Recorder {
-    stop: Arc<AtomicBool>,
-    thread: JoinHandle<Result<Recording, sensors::mcap::WriteError>>,
-}
-
-impl Recorder {
-    /// Where there are no links, the end of the recording is the end of the run.
-    fn start(
-        settings: &Settings,
-        file: &std::path::Path,
-        inbox: &SyncSender<Event>,
-    ) -> anyhow::Result<Self> {
-        let plan = Plan {
-            scene: settings.scene,
-            seed: settings.seed,
-            file: file.to_owned(),
-            duration: settings.duration.unwrap_or(LAP),
-        };
-        let at_end = (!settings.has_links()).then(|| inbox.clone());
-        let stop = Arc::new(AtomicBool::new(false));
-        let stopped = Arc::clone(&stop);
-        let total = record::frames_in(plan.duration);
-        let work = move || {
-            let recording = record::record(&plan, |frames| {
-                if frames % 150 == 0 {
-                    tracing::info!(frames, total, "recording");
-                }
-                !stopped.load(Ordering::Relaxed)
-            });
-            if let Some(inbox) = at_end {
-                // Nobody listens any more only if the run has been stopped already.
-                let _already_stopped = inbox.send(Event::Stop);
-            }
-            recording
-        };
-        let thread = thread::Builder::new().name("recorder".into()).spawn(work)?;
-        Ok(Self { stop, thread })
-    }
-
-    fn finish(self) -> anyhow::Result<Recording> {
-        self.stop.store(true, Ordering::Relaxed);
-        match self.thread.join() {
-            Ok(recording) => Ok(recording?),
-            Err(_panic) => bail!("the recorder has stopped with a panic"),
         }
     }
 }

@@ -12,9 +12,14 @@ mod shape;
 mod street;
 mod walker;
 
+use std::sync::Arc;
+
 use maps::frame::{Point, Vector, World};
 use maps::time::Stamp;
 use nalgebra::{Isometry3, Point3, Vector3};
+
+use crate::platform::Platform;
+use crate::way::Way;
 
 pub use class::Class;
 pub(crate) use light::Daylight;
@@ -118,6 +123,8 @@ pub struct Scene {
     walkers: Vec<Walker>,
     street: Option<street::Street>,
     light: Light,
+    /// Where vehicles went that do not move as the scene would have them: the drone and the ground vehicle.
+    ways: [Option<Arc<Way>>; 2],
 }
 
 /// Scenes that can be asked for by name.
@@ -165,6 +172,19 @@ impl Scene {
     /// Builds the scene of that name. The same seed gives the same scene.
     pub fn generate(name: Name, seed: u64) -> Self {
         street::street(name, seed).unwrap_or_else(|| room::room(seed))
+    }
+
+    /// Lets a vehicle go its own way from now on: others see it there, but traffic does not know.
+    pub fn follow(&mut self, platform: Platform, way: Arc<Way>) {
+        if let (Platform::Ugv, Some(street)) = (platform, &mut self.street) {
+            street.drive(Arc::clone(&way));
+        }
+        self.ways[platform as usize] = Some(way);
+    }
+
+    /// The way of a vehicle that has its own.
+    pub(crate) fn way(&self, platform: Platform) -> Option<&Way> {
+        self.ways[platform as usize].as_deref()
     }
 
     /// The faces of all that stands still.

@@ -2,7 +2,7 @@
 
 use std::time::Duration;
 
-use maps::frame::Point;
+use maps::frame::{Body, Isometry, Point, World};
 use maps::time::Stamp;
 use mavlink_ext::{Address, Encoder, Message, RawFrame};
 use nalgebra::Vector3;
@@ -13,6 +13,8 @@ use crate::vehicle::gnss::Quality;
 use crate::vehicle::rover::{Chassis, Rover};
 use crate::wgs84::Origin;
 
+/// How often emulated links are looked after.
+pub const AIR: Duration = Duration::from_millis(2);
 /// The step of the simulation.
 pub const STEP: Duration = Duration::from_millis(20);
 /// The copter's address.
@@ -36,6 +38,23 @@ pub struct Start {
 #[error("{text:?} is no start, expected X,Y,HEADING_DEG, such as 0.5,-1,90")]
 pub struct StartError {
     text: String,
+}
+
+impl Start {
+    /// Where a vehicle is.
+    pub fn of(pose: Isometry<World, Body>) -> Self {
+        let [x_m, y_m, _] = pose.translation().raw.coords.into();
+        let forward = pose.rotation() * Vector3::x();
+        Self {
+            x_m,
+            y_m,
+            heading_deg: forward.x.atan2(forward.y).to_degrees(),
+        }
+    }
+
+    fn yaw_rad(self) -> f64 {
+        (90.0 - self.heading_deg).to_radians()
+    }
 }
 
 impl std::str::FromStr for Start {
@@ -73,6 +92,8 @@ pub enum Event {
         /// What.
         frame: RawFrame,
     },
+    /// A little time has passed: something may have arrived over an emulated link.
+    Air,
     /// The operator has had enough.
     Stop,
 }
@@ -122,7 +143,7 @@ impl Simulation {
                     }
                 })
             }
-            Event::Stop => Vec::new(),
+            Event::Air | Event::Stop => Vec::new(),
         }
     }
 
@@ -150,16 +171,27 @@ impl Simulation {
     }
 }
 
-/// A copter on the floor below the start of the camera's flight, a little behind it.
-pub fn copter(origin: &Origin, seed: u64) -> Autopilot {
+/// A copter on the ground; if it is not told where, in the room a little behind the start of the camera's flight.
+pub fn copter(origin: &Origin, start: Option<Start>, seed: u64) -> Autopilot {
     let wind = Wind {
         mean: maps::frame::Vector::from_raw(Vector3::zeros()),
         gust_mps: 0.0,
     };
-    let place = Point::new(-0.6, 0.0, 0.0);
+    let start = start.unwrap_or(Start {
+        x_m: -0.6,
+        y_m: 0.0,
+        heading_deg: 90.0,
+    });
+    let place = Point::new(start.x_m, start.y_m, 0.0);
+    let yaw_rad = start.yaw_rad();
     Autopilot::new(Setup {
         address: COPTER,
-        vehicle: Vehicle::Copter(Box::new(Copter::new(place, 0.0, wind, seed ^ 0xc0_97e4))),
+        vehicle: Vehicle::Copter(Box::new(Copter::new(
+            place,
+            yaw_rad,
+            wind,
+            seed ^ 0xc0_97e4,
+        ))),
         origin: origin.clone(),
         gnss: Quality::RTK_FIXED,
         seed: seed ^ 0x91,
@@ -169,8 +201,7 @@ pub fn copter(origin: &Origin, seed: u64) -> Autopilot {
 /// The small car, where it is to start.
 pub fn rover(origin: &Origin, start: Start, seed: u64) -> Autopilot {
     let place = Point::new(start.x_m, start.y_m, 0.0);
-    let yaw_rad = (90.0 - start.heading_deg).to_radians();
-    let car = Rover::new(place, yaw_rad, Chassis::default());
+    let car = Rover::new(place, start.yaw_rad(), Chassis::default());
     Autopilot::new(Setup {
         address: ROVER,
         vehicle: Vehicle::Rover(car),
@@ -196,7 +227,7 @@ mod tests {
                 heading_deg: 0.0,
             };
             let mut simulation =
-                Simulation::new([copter(&origin, seed), rover(&origin, start, seed)]);
+                Simulation::new([copter(&origin, None, seed), rover(&origin, start, seed)]);
             let heartbeat = Encoder::new(Address::new(255, 190))
                 .encode(&Message::HEARTBEAT(HEARTBEAT_DATA::default()));
             let mut frames = Vec::new();

@@ -24,7 +24,7 @@ struct Flight {
 
 impl Flight {
     fn copter() -> Self {
-        Self::of(copter(&origin(), 1))
+        Self::of(copter(&origin(), None, 1))
     }
 
     fn rover() -> Self {

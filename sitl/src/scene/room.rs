@@ -60,6 +60,7 @@ pub(super) fn room(seed: u64) -> Scene {
         walkers: walker::on_ring(CENTRE, RING, seed),
         things: Vec::new(),
         street: None,
+        ways: [None, None],
         light: Light::Lamps(LAMPS.into()),
     }
 }

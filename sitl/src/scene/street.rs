@@ -16,6 +16,7 @@ mod things;
 mod vehicles;
 
 use std::f64::consts::TAU;
+use std::sync::Arc;
 use std::time::Duration;
 
 use maps::time::Stamp;
@@ -25,6 +26,7 @@ use rand_pcg::Pcg64;
 
 use super::shape::{Block, Look, standing};
 use super::{Class, Face, Instance, Light, Material, Name, RoadUser, Scene, Sun, Thing};
+use crate::way::Way;
 use movers::Mover;
 use style::{Style, style};
 
@@ -59,6 +61,7 @@ pub(super) fn street(name: Name, seed: u64) -> Option<Scene> {
         walkers: Vec::new(),
         street: Some(street),
         light: Light::Sun(light),
+        ways: [None, None],
     })
 }
 
@@ -80,10 +83,19 @@ impl Street {
     pub(crate) fn guest(&self, at: Stamp) -> (Point2<f64>, f64) {
         let last = Stamp::ZERO + movers::DURATION - Duration::from_millis(1);
         let guest = self.movers.iter().find(|mover| mover.class == Class::Robot);
-        let state = guest.and_then(|guest| guest.state(at.min(last)));
+        let state = guest.and_then(|guest| guest.state(at).or_else(|| guest.state(last)));
         state.map_or((Point2::origin(), 0.0), |state| {
             (state.position.into(), state.heading_rad)
         })
+    }
+
+    /// Lets our ground vehicle go its own way.
+    pub(super) fn drive(&mut self, way: Arc<Way>) {
+        let robots = self
+            .movers
+            .iter_mut()
+            .filter(|mover| mover.class == Class::Robot);
+        robots.for_each(|robot| robot.drive(Arc::clone(&way)));
     }
 
     /// How high the drone flies.

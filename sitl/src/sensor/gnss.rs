@@ -304,17 +304,28 @@ impl Receiver {
         }
     }
 
+    /// Whether the next [`Self::step`] measures, if it is then: only then it looks at the sky.
+    pub fn is_due(&self, now: Stamp) -> bool {
+        match self.state {
+            State::Warm => true,
+            State::Running { last, .. } => self.epoch(now) > self.epoch(last),
+        }
+    }
+
+    fn epoch(&self, at: Stamp) -> u64 {
+        // NaN and zero become no time at all, and a fix in each step.
+        let period_ns = ((1e9 / self.model.rate_hz) as u64).max(1);
+        at.as_nanos() / period_ns
+    }
+
     /// Measures if it is time to, and hands over what has come through by now. Call it at least as often as there are
     /// fixes: each call measures once and hands over one reading at most. `now` must not go back.
     pub fn step(&mut self, now: Stamp, truth: &Motion, sky: Sky) -> Option<GnssReading> {
-        // NaN and zero become no time at all, and a fix in each step.
-        let period_ns = ((1e9 / self.model.rate_hz) as u64).max(1);
-        let epoch = |at: Stamp| at.as_nanos() / period_ns;
-        let dt = match self.state {
-            State::Warm => Some(Duration::ZERO),
-            State::Running { last, .. } => (epoch(now) > epoch(last)).then(|| now.since(last)),
-        };
-        if let Some(dt) = dt {
+        if self.is_due(now) {
+            let dt = match self.state {
+                State::Warm => Duration::ZERO,
+                State::Running { last, .. } => now.since(last),
+            };
             let reading = self.measure(now, dt.as_secs_f64(), truth, sky);
             self.under_way
                 .push_back((now + self.model.latency, reading));

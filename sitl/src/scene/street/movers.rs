@@ -1,5 +1,6 @@
 //! Who is on their way in a street.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use maps::time::Stamp;
@@ -14,6 +15,7 @@ use crate::traffic::{
     Agents, Crossing, Guest, Kind, Lane, Obstacle, Path, Plan, Priority, State, Track, Traffic,
     Walkway,
 };
+use crate::way::Way;
 
 /// How long traffic goes on.
 pub(crate) const DURATION: Duration = Duration::from_mins(4);
@@ -26,6 +28,8 @@ pub(in crate::scene) struct Mover {
     /// Length, width and height in metres.
     pub(in crate::scene) size: Vector3<f64>,
     track: Track,
+    /// Where it went instead.
+    driven: Option<Arc<Way>>,
     look: Look,
     /// Where the pavement is higher than the road: distance from the middle, at the left and at the right.
     kerbs: [f64; 2],
@@ -182,14 +186,21 @@ impl Mover {
             class,
             size,
             track,
+            driven: None,
             look,
             kerbs,
         }
     }
 
+    /// Lets it go its own way.
+    pub(super) fn drive(&mut self, way: Arc<Way>) {
+        self.driven = Some(way);
+    }
+
     /// Where it is and how it moves; `None` while it is not there.
     pub(in crate::scene) fn state(&self, at: Stamp) -> Option<State> {
-        self.track.state(at)
+        let driven = self.driven.as_ref();
+        driven.map_or_else(|| self.track.state(at), |way| Some(way.state(at)))
     }
 
     /// Where the middle of its bottom is.
