@@ -172,7 +172,7 @@ pub struct MountTable {
     pub rolled_right_deg: f64,
 }
 
-/// `[slam]`: where the world is at the start.
+/// `[slam]`: where the world is at the start, and what is believed.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct SlamTable {
@@ -183,6 +183,8 @@ pub struct SlamTable {
     /// The least and the greatest height above the floor that the camera can have at the start: planes at other heights,
     /// tables say, are not taken for it.
     pub floor_below_m: [f64; 2],
+    /// Depth from farther away is not believed: 6 m is what small depth cameras are good for indoors.
+    pub max_depth_m: f64,
 }
 
 /// `[map]`
@@ -275,6 +277,7 @@ impl Default for SlamTable {
             initial_heading_deg: 90.0,
             initial_height_m: 1.5,
             floor_below_m: [0.15, 20.0],
+            max_depth_m: 6.0,
         }
     }
 }

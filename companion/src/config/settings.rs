@@ -65,6 +65,8 @@ pub struct MappingSettings {
     pub initial_height_m: f64,
     /// How far below the camera the floor can be at the start.
     pub floor_below_m: [f64; 2],
+    /// Depth from farther away is not believed.
+    pub max_depth_m: f64,
     /// Edge of a voxel.
     pub resolution_m: f64,
     /// What is seen from farther away is not mapped.
@@ -153,6 +155,12 @@ impl SlamTable {
                 self.floor_below_m,
                 0.0..=1000.0,
                 "two heights from 0 to 1000 m, the lower one first",
+            ),
+            max_depth_m: faults.within(
+                "slam.max_depth_m",
+                self.max_depth_m,
+                0.5..=200.0,
+                "0.5 to 200 m",
             ),
             resolution_m: faults.within(
                 "map.resolution_m",

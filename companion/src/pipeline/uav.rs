@@ -76,6 +76,7 @@ impl Mapper {
             initial_heading_rad: settings.initial_heading_rad,
             initial_height_m: settings.initial_height_m,
             floor_below_m: lowest..=highest,
+            max_depth_m: settings.max_depth_m,
             ..slam::Settings::default()
         };
         Self {

@@ -18,9 +18,20 @@ pub enum Scenario {
         /// The folder of the recording.
         recording: PathBuf,
     },
-    /// A room that the simulator renders, people walking in it.
-    SimulatedRoom,
+    /// A residential alley that the simulator renders, with cars and people on their ways.
+    Street,
 }
+
+/// The street of the mission, and its seed.
+const STREET: (Name, u64) = (Name::ResidentialAlley, 1);
+/// Where the street's origin is on Earth.
+const STREET_ORIGIN: Geodetic = Geodetic {
+    lat_deg: 50.7277,
+    lon_deg: 7.0866,
+    alt_m: 110.0,
+};
+/// How long the drone films the street.
+const STREET_SECONDS: &str = "16";
 
 impl Scenario {
     /// The office, if its recording is there.
@@ -39,25 +50,17 @@ impl Scenario {
     pub(super) fn prepare(&self, options: &Options) -> anyhow::Result<()> {
         match self {
             Self::Office { recording } => say(&format!("recording: {}", recording.display())),
-            Self::SimulatedRoom => {
+            Self::Street => {
                 let file = self.source(options);
-                say("the simulator records a room with people walking in it (0.35 GB)");
+                say("the simulator films a street from the drone (0.4 GB)");
+                let (scene, seed) = STREET;
                 let mut command = Command::new(options.programs.join("sitl"));
-                command.args([
-                    "run",
-                    "--scene",
-                    "room",
-                    "--seed",
-                    "1",
-                    "--headless",
-                    "--duration",
-                    "15",
-                    "--record",
-                ]);
-                command.arg(&file);
+                command.args(["run", "--headless", "--aboard", "uav/camera"]);
+                command.args(["--scene", &scene.to_string(), "--seed", &seed.to_string()]);
+                command.args(["--duration", STREET_SECONDS, "--record"]).arg(&file);
                 let log = options.out.join("record.log");
                 Program::start("record", command, &log, options.show)?
-                    .wait(Duration::from_mins(5))?;
+                    .wait(Duration::from_mins(8))?;
                 ensure!(file.is_file(), "the simulator left no {}", file.display());
             }
         }
@@ -72,7 +75,7 @@ impl Scenario {
     ) -> anyhow::Result<Table> {
         let shipped = match self {
             Self::Office { .. } => include_str!("../../../companion/config/demo-bonn.toml"),
-            Self::SimulatedRoom => include_str!("../../../companion/config/demo-sitl.toml"),
+            Self::Street => include_str!("../../../companion/config/demo-sitl.toml"),
         };
         let mut config: Table = shipped
             .parse()
@@ -99,7 +102,7 @@ impl Scenario {
     pub(super) fn script(&self) -> &'static str {
         match self {
             Self::Office { .. } => include_str!("../../demo/office.script"),
-            Self::SimulatedRoom => include_str!("../../demo/room.script"),
+            Self::Street => include_str!("../../demo/street.script"),
         }
     }
 
@@ -108,14 +111,14 @@ impl Scenario {
     pub(super) fn rover_start(&self) -> &'static str {
         match self {
             Self::Office { .. } => "1.85,-0.4,210",
-            Self::SimulatedRoom => "1.5,0.0,90",
+            Self::Street => "14,-1.4,90",
         }
     }
 
     fn source(&self, options: &Options) -> PathBuf {
         match self {
             Self::Office { recording } => recording.clone(),
-            Self::SimulatedRoom => options.out.join("room.mcap"),
+            Self::Street => options.out.join("street.mcap"),
         }
     }
 }
