@@ -4,6 +4,7 @@
 //! - [`render`], [`rays`]: what cameras and rays meet; [`depth_camera`], [`lidar`]: what sensors make of it.
 //! - [`platform`], [`flight`], [`way`]: where the sensors are; [`truth`]: what is really there; [`poster`]: all of it to look at.
 //! - [`rig`]: all sensors of both vehicles, message by message; [`record`]: the same in a file.
+//! - [`dataset`]: training data of both vehicles, with truth.
 //! - [`vehicle`]: how a quadrotor and a small car move, and what their sensors say.
 //! - [`sensor`]: what its other sensors make of the truth: inertial, satellite, radar and so on.
 //! - [`autopilot`]: flies and drives them, and talks MAVLink like `ArduPilot`.
@@ -13,6 +14,7 @@
 //! Of the maps it uses only frames, time and the camera: truth shares no code with estimates.
 
 pub mod autopilot;
+pub mod dataset;
 pub mod depth_camera;
 pub mod flight;
 pub mod lidar;

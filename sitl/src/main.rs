@@ -12,6 +12,7 @@ use std::time::{Duration, Instant};
 use anyhow::Context as _;
 use clap::{Args, Parser, Subcommand};
 use maps::time::Stamp;
+use sitl::dataset;
 use sitl::link::Profile;
 use sitl::poster::{Canvas, poster};
 use sitl::rig::Setup;
@@ -38,6 +39,8 @@ enum Command {
     Run(RunArgs),
     /// Draws a contact sheet: what all sensors see of each scene, and the truth.
     Poster(PosterArgs),
+    /// Writes training data with truth: what both vehicles see of streets, frame by frame. Goes on where it was ended.
+    Dataset(dataset::cli::Args),
 }
 
 #[derive(Args)]
@@ -171,6 +174,7 @@ fn execute() -> anyhow::Result<()> {
     match Cli::parse().command {
         Command::Run(args) => execute_run(args),
         Command::Poster(args) => draw_poster(&args),
+        Command::Dataset(args) => dataset::cli::execute(&args, clock(now())),
     }
 }
 
@@ -236,8 +240,7 @@ fn execute_run(args: RunArgs) -> anyhow::Result<()> {
             .name("clock".into())
             .spawn(move || tick(start, is_emulated, &ticks))?;
     }
-    let clock =
-        move || Stamp::from_nanos(u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX));
+    let clock = clock(start);
     let mut line = StatusLine::default();
     let watched = !args.headless && settings.has_links() && std::io::stderr().is_terminal();
     let report = run(&settings, (&inbox, &events), clock, |simulation| {
@@ -273,6 +276,11 @@ fn tick(start: Instant, is_emulated: bool, ticks: &SyncSender<Event>) {
             return;
         }
     }
+}
+
+/// Tells how long ago that was.
+fn clock(start: Instant) -> impl Fn() -> Stamp + Clone + Send + 'static {
+    move || Stamp::from_nanos(u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX))
 }
 
 #[expect(clippy::disallowed_methods, reason = "the clock of the program")]

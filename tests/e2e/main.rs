@@ -1,6 +1,7 @@
 //! End-to-end tests, one module per user story.
 
 mod architecture;
+mod dataset;
 mod mission;
 mod peers;
 mod programs;

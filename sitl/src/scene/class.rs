@@ -43,6 +43,27 @@ pub enum Class {
 }
 
 impl Class {
+    /// All of them, in the order of their numbers.
+    pub const ALL: [Self; 17] = [
+        Self::Sky,
+        Self::Road,
+        Self::Sidewalk,
+        Self::Terrain,
+        Self::Building,
+        Self::Wall,
+        Self::Pole,
+        Self::Sign,
+        Self::Vegetation,
+        Self::Bridge,
+        Self::Object,
+        Self::Car,
+        Self::Truck,
+        Self::Bus,
+        Self::Cyclist,
+        Self::Pedestrian,
+        Self::Robot,
+    ];
+
     /// Whether it is something that may move, for which there are boxes.
     pub fn is_traffic(self) -> bool {
         self >= Self::Car
