@@ -5,7 +5,7 @@
 //! - [`tum`]: a folder in the layout of the TUM and Bonn RGB-D data sets.
 //! - [`mcap`]: a file of ROS 2 messages, read and written.
 //! - [`prefetch`]: any source, decoded ahead on a thread of its own.
-//! - [`ros`], [`cdr`]: the messages and their encoding.
+//! - [`message`], [`ros`], [`cdr`]: the messages and their encoding.
 
 use std::path::Path;
 
@@ -17,6 +17,7 @@ pub mod cdr;
 mod error;
 mod image;
 pub mod mcap;
+pub mod message;
 mod pairing;
 pub mod prefetch;
 pub mod ros;

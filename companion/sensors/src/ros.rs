@@ -11,9 +11,12 @@ use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 use crate::cdr::{CdrError, Reader, Writer};
 
 /// Name and definition of a message type, dependencies included.
-pub(crate) struct Schema {
-    pub(crate) name: &'static str,
-    pub(crate) text: &'static str,
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Schema {
+    /// As `sensor_msgs/msg/Image`.
+    pub name: &'static str,
+    /// In the form `ros2msg`: the fields, then those of each message within, after a line of `=`.
+    pub text: &'static str,
 }
 
 macro_rules! dependencies {
@@ -33,7 +36,8 @@ macro_rules! header {
     };
 }
 
-pub(crate) const IMAGE: Schema = Schema {
+/// Pixels.
+pub const IMAGE: Schema = Schema {
     name: "sensor_msgs/msg/Image",
     text: concat!(
         "std_msgs/Header header\nuint32 height\nuint32 width\nstring encoding\nuint8 is_bigendian\nuint32 step\nuint8[] data\n",
@@ -41,7 +45,8 @@ pub(crate) const IMAGE: Schema = Schema {
     ),
 };
 
-pub(crate) const CAMERA_INFO: Schema = Schema {
+/// A camera's lens.
+pub const CAMERA_INFO: Schema = Schema {
     name: "sensor_msgs/msg/CameraInfo",
     text: concat!(
         "std_msgs/Header header\nuint32 height\nuint32 width\nstring distortion_model\nfloat64[] d\nfloat64[9] k\n",
@@ -54,7 +59,8 @@ pub(crate) const CAMERA_INFO: Schema = Schema {
     ),
 };
 
-pub(crate) const POSE_STAMPED: Schema = Schema {
+/// A pose.
+pub const POSE_STAMPED: Schema = Schema {
     name: "geometry_msgs/msg/PoseStamped",
     text: concat!(
         "std_msgs/Header header\ngeometry_msgs/Pose pose\n",

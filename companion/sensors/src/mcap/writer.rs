@@ -12,7 +12,8 @@ use maps::frame::{Camera, Isometry, World};
 use maps::time::Stamp;
 
 use super::Topics;
-use crate::ros::{self, Image, Schema};
+use crate::message::{self, Message};
+use crate::ros::{self, Schema};
 
 /// Why a recording cannot be written.
 #[derive(Debug, thiserror::Error)]
@@ -28,6 +29,7 @@ pub struct WriteError {
 /// [`Writer::finish`] adds the index by which viewers seek.
 pub struct Writer {
     path: PathBuf,
+    topics: Topics,
     file: ::mcap::Writer<BufWriter<File>>,
     color: Channel,
     depth: Channel,
@@ -39,9 +41,6 @@ struct Channel {
     id: u16,
     sequence: u32,
 }
-
-const CAMERA_FRAME: &str = "camera_color_optical_frame";
-const WORLD_FRAME: &str = "world";
 
 impl Writer {
     /// Starts a file, replacing one that is there.
@@ -64,6 +63,7 @@ impl Writer {
         let truth = channel(&topics.truth, &ros::POSE_STAMPED).map_err(error)?;
         Ok(Self {
             path: path.to_owned(),
+            topics: topics.clone(),
             file,
             color,
             depth,
@@ -88,37 +88,16 @@ impl Writer {
 
     /// Appends the camera. A reader needs it once; players that seek need it now and then.
     pub fn camera(&mut self, at: Stamp, camera: &Pinhole) -> Result<(), WriteError> {
-        let message = ros::encode_camera_info(at, CAMERA_FRAME, camera);
-        let outcome = write(&mut self.file, &mut self.camera_info, at, &message);
+        let message = message::camera(&self.topics, at, camera);
+        let outcome = write(&mut self.file, &mut self.camera_info, &message);
         self.checked(outcome)
     }
 
     /// Appends a frame: colour as `rgb8`, depth as `16UC1`, which is to the millimetre and up to 65.5 m.
     pub fn frame(&mut self, frame: &RgbdFrame) -> Result<(), WriteError> {
-        let image = Image {
-            at: frame.at,
-            frame_id: CAMERA_FRAME,
-            width: frame.width as u32,
-            height: frame.height as u32,
-            encoding: "rgb8",
-            is_bigendian: false,
-            step: 3 * frame.width as u32,
-            data: frame.rgb.as_flattened(),
-        };
-        let outcome = write(&mut self.file, &mut self.color, frame.at, &image.encode());
-        self.checked(outcome)?;
-        let millimetres: Vec<u8> = frame
-            .depth_m
-            .iter()
-            .flat_map(|&depth| millimetres(depth).to_le_bytes())
-            .collect();
-        let image = Image {
-            encoding: "16UC1",
-            step: 2 * frame.width as u32,
-            data: &millimetres,
-            ..image
-        };
-        let outcome = write(&mut self.file, &mut self.depth, frame.at, &image.encode());
+        let [color, depth] = message::frame(&self.topics, frame);
+        let outcome = write(&mut self.file, &mut self.color, &color)
+            .and_then(|()| write(&mut self.file, &mut self.depth, &depth));
         self.checked(outcome)
     }
 
@@ -128,8 +107,8 @@ impl Writer {
         at: Stamp,
         world_from_camera: &Isometry<World, Camera>,
     ) -> Result<(), WriteError> {
-        let message = ros::encode_pose(at, WORLD_FRAME, &world_from_camera.raw);
-        let outcome = write(&mut self.file, &mut self.truth, at, &message);
+        let message = message::truth(&self.topics, at, world_from_camera);
+        let outcome = write(&mut self.file, &mut self.truth, &message);
         self.checked(outcome)
     }
 
@@ -150,25 +129,14 @@ impl Writer {
 fn write(
     file: &mut ::mcap::Writer<BufWriter<File>>,
     channel: &mut Channel,
-    at: Stamp,
-    message: &[u8],
+    message: &Message<'_>,
 ) -> Result<(), McapError> {
     let header = MessageHeader {
         channel_id: channel.id,
         sequence: channel.sequence,
-        log_time: at.as_nanos(),
-        publish_time: at.as_nanos(),
+        log_time: message.at.as_nanos(),
+        publish_time: message.at.as_nanos(),
     };
     channel.sequence = channel.sequence.wrapping_add(1);
-    file.write_to_known_channel(&header, message)
-}
-
-/// 0, which is nothing, for what is not finite, not positive or too far.
-fn millimetres(depth_m: f32) -> u16 {
-    let millimetres = (depth_m * 1000.0).round();
-    if millimetres > 0.0 && millimetres < f32::from(u16::MAX) {
-        millimetres as u16
-    } else {
-        0
-    }
+    file.write_to_known_channel(&header, &message.bytes)
 }
