@@ -4,6 +4,7 @@
 //! - [`render`], [`rays`]: what cameras and rays meet; [`depth_camera`], [`lidar`]: what sensors make of it.
 //! - [`platform`], [`flight`]: where the sensors are; [`truth`]: what is really there; [`poster`]: all of it to look at.
 //! - [`record`]: the drone's camera in a file, with exact truth.
+//! - [`live`]: what sensors say, over Zenoh.
 //! - [`vehicle`]: how a quadrotor and a small car move, and what their sensors say.
 //! - [`sensor`]: what its other sensors make of the truth: inertial, satellite, radar and so on.
 //! - [`autopilot`]: flies and drives them, and talks MAVLink like `ArduPilot`.
@@ -17,6 +18,7 @@ pub mod depth_camera;
 pub mod flight;
 pub mod lidar;
 pub mod link;
+pub mod live;
 pub mod noise;
 pub mod platform;
 pub mod poster;
