@@ -6,3 +6,4 @@ mod peers;
 mod programs;
 mod replay;
 mod soak;
+mod zenoh;
