@@ -86,7 +86,7 @@ impl Options {
             Some(file) => config.relative_to(file),
             None => config,
         };
-        config.source.path = source.unwrap_or(config.source.path);
+        instead(&mut config, source);
         Ok(config)
     }
 
@@ -95,8 +95,16 @@ impl Options {
         let mut config = self
             .config
             .map_or(Ok(Config::default()), |path| Config::read(&path))?;
-        config.source.path = source.unwrap_or(config.source.path);
+        instead(&mut config, source);
         config.output.dir = self.out.unwrap_or(config.output.dir);
         Ok(config)
+    }
+}
+
+/// A recording of the command line, instead of whatever is configured.
+fn instead(config: &mut Config, source: Option<PathBuf>) {
+    if let Some(path) = source {
+        config.source.path = path;
+        config.source.zenoh.clear();
     }
 }

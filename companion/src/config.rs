@@ -1,6 +1,6 @@
 //! The configuration file: what flies, where its pictures come from, where its links go.
 //!
-//! Every key but `source.path` has a default with which the companion runs against the simulator; names end in their units; a key that
+//! Every key but `source.path` or `source.zenoh` has a default with which the companion runs against the simulator; names end in their units; a key that
 //! does not exist is an error. [`Config::check`] turns the file into [`Settings`], where nothing can be wrong any more.
 
 mod settings;
@@ -11,9 +11,10 @@ use std::path::{Path, PathBuf};
 
 use sensors::mcap::Topics;
 use sensors::tum::{self, MissingImages};
+use sensors::zenoh::Patience;
 use serde::{Deserialize, Serialize};
 
-pub use settings::{MappingSettings, Settings, SourceSettings};
+pub use settings::{MappingSettings, Settings, SourcePlace, SourceSettings};
 
 /// Why a configuration cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -112,6 +113,15 @@ pub enum Role {
 pub struct SourceTable {
     /// A folder in TUM layout or an MCAP file. A relative path starts at the configuration file.
     pub path: PathBuf,
+    /// Instead of `path`: a live camera's ROS 2 node with `rmw_zenoh`. `tcp/HOST:PORT` is where its router is,
+    /// `listen:tcp/HOST:PORT` makes the companion the router.
+    pub zenoh: String,
+    /// Live: `ROS_DOMAIN_ID`.
+    pub domain_id: u32,
+    /// Live: how long the camera's description is waited for at the start.
+    pub wait_s: f64,
+    /// Live: how long no frame may come before the camera is given up.
+    pub silence_s: f64,
     /// How fast a recording is played.
     pub pace: Pace,
     /// TUM folders: the value of a depth pixel at 1 m.
@@ -120,7 +130,7 @@ pub struct SourceTable {
     pub max_difference_ms: f64,
     /// TUM folders: `"error"` refuses a folder in which listed images are missing, `"skip"` leaves their frames out.
     pub missing_images: MissingImages,
-    /// MCAP files: the names of the channels.
+    /// MCAP files and live: the names of the channels.
     pub topics: Topics,
 }
 
@@ -134,7 +144,7 @@ pub enum Pace {
     Fast,
 }
 
-/// `[camera]`: the camera of a TUM folder; an MCAP file brings its own.
+/// `[camera]`: the camera of a TUM folder; an MCAP file and a live camera bring their own.
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(default, deny_unknown_fields)]
 pub struct CameraTable {
@@ -245,8 +255,13 @@ impl Default for VehicleTable {
 impl Default for SourceTable {
     fn default() -> Self {
         let tum = tum::Settings::default();
+        let Patience { camera, frame } = Patience::default();
         Self {
             path: PathBuf::new(),
+            zenoh: String::new(),
+            domain_id: 0,
+            wait_s: camera.as_secs_f64(),
+            silence_s: frame.as_secs_f64(),
             pace: Pace::Recorded,
             depth_factor: tum.depth_factor,
             max_difference_ms: tum.max_difference.as_secs_f64() * 1e3,

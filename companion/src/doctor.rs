@@ -112,10 +112,14 @@ fn check_source(source: &mut dyn RgbdSource) -> Result<(RgbdFrame, String), Stri
             "only {share} % of the first frame has depth: check the depth camera and source.depth_factor"
         ));
     }
-    let count = count.map_or("unknown number of".to_owned(), |n| n.to_string());
+    let count = match (count, source.live()) {
+        (_, Some(_)) => "live".to_owned(),
+        (Some(count), None) => format!("{count} frames"),
+        (None, None) => "unknown number of frames".to_owned(),
+    };
     let truth = source.truth().len();
     let text = format!(
-        "{}, {count} frames, {share} % of the first has depth, {truth} true poses",
+        "{}, {count}, {share} % of the first has depth, {truth} true poses",
         source.name()
     );
     Ok((first, text))

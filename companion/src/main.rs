@@ -32,7 +32,9 @@ fn main() -> ExitCode {
 }
 
 fn execute() -> Result<ExitCode> {
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new("info"));
+    // Zenoh tells of every peer at `info`.
+    let usual = || EnvFilter::new("info,zenoh=warn");
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_unset| usual());
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(io::stderr)

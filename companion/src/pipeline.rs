@@ -14,20 +14,22 @@ use std::time::Duration;
 use maps::camera::RgbdFrame;
 use maps::tile::TileId;
 use maps::time::Stamp;
+use sensors::live::{Live, Losses};
 use sensors::mcap::McapFile;
 use sensors::prefetch::Prefetch;
 use sensors::tum::TumFolder;
+use sensors::zenoh::ZenohSource;
 use sensors::{RgbdSource, SourceError};
 use slam::Tracked;
 
 use crate::clock::Clock;
-use crate::config::{MappingSettings, Pace, SourceSettings};
+use crate::config::{MappingSettings, Pace, SourcePlace, SourceSettings};
 use crate::event::Event;
 use crate::output::{self, Ate};
 use uav::{FloorFigures, MapFigures, MapUpdate, Mapper};
 
 /// How many frames are decoded ahead of the one that is tracked.
-pub(crate) const DECODED_AHEAD: usize = 4;
+const DECODED_AHEAD: usize = 4;
 
 /// How many map updates may wait to be encoded.
 const UPDATES_WAITING: usize = 2;
@@ -86,6 +88,8 @@ pub struct SourceEnded {
     pub map: MapFigures,
     /// The floor on which it stands; none if no frame could be used.
     pub floor: Option<FloorFigures>,
+    /// What of a live camera's messages was not used; none of a recording.
+    pub losses: Option<Losses>,
 }
 
 /// Why a source has ended.
@@ -99,14 +103,26 @@ pub enum Ending {
     Failed(String),
 }
 
-/// Opens the source of the configuration: a folder is in TUM layout, a file is MCAP.
+/// Opens the source of the configuration: a folder is in TUM layout, a file is MCAP. A live camera is waited for.
 pub fn open_source(settings: &SourceSettings) -> Result<Box<dyn RgbdSource>, SourceError> {
-    if settings.path.is_dir() {
-        let folder = TumFolder::open(&settings.path, settings.camera, settings.tum)?;
-        Ok(Box::new(folder))
+    let topics = settings.topics.clone();
+    Ok(match &settings.place {
+        SourcePlace::Recording(path) if path.is_dir() => {
+            Box::new(TumFolder::open(path, settings.camera, settings.tum)?)
+        }
+        SourcePlace::Recording(path) => Box::new(McapFile::open(path, topics)?),
+        SourcePlace::Live(session, patience) => {
+            Box::new(ZenohSource::open(session, topics, *patience)?)
+        }
+    })
+}
+
+/// How many frames are decoded ahead: of a live camera as few as can be, as the newest frame matters.
+pub(crate) fn decoded_ahead(source: &dyn RgbdSource) -> usize {
+    if source.live().is_some() {
+        1
     } else {
-        let file = McapFile::open(&settings.path, settings.topics.clone())?;
-        Ok(Box::new(file))
+        DECODED_AHEAD
     }
 }
 
@@ -125,6 +141,8 @@ pub struct Plan {
 pub struct Pipeline {
     /// Dropped to stop the `slam` thread.
     stop: Option<SyncSender<()>>,
+    /// Ends its wait for a live camera.
+    live: Option<Live>,
     threads: Vec<JoinHandle<()>>,
 }
 
@@ -139,7 +157,12 @@ impl Pipeline {
         let (stop, stopped) = sync_channel(0);
         let (updates, waiting) = sync_channel(UPDATES_WAITING);
         let camera = source.camera();
-        let source = Prefetch::new(source, DECODED_AHEAD)?;
+        let live = source.live();
+        let ahead = decoded_ahead(source.as_ref());
+        let source = Prefetch::new(source, ahead)?;
+        // A live camera has a pace of its own.
+        let pace = live.as_ref().map_or(plan.pace, |_| Pace::Fast);
+        let watch = live.clone().map(Watch::new);
         let send = events.clone();
         let encode = Builder::new()
             .name("tile-encode".into())
@@ -147,18 +170,21 @@ impl Pipeline {
         let slam = Builder::new().name("slam".into()).spawn(move || {
             let mut work = Work {
                 mapper: Mapper::new(camera, &plan.mapping),
-                pacer: Pacer::new(plan.pace),
+                pacer: Pacer::new(pace),
+                watch,
                 clock,
                 events: &events,
             };
             let mut source = source;
             let ending = work.run(&mut source, &stopped, &updates);
+            source.finish();
             let ended = end(&mut work.mapper, &source, &plan.out, ending, &updates);
             // Fails only where nobody listens any more.
             let _delivered = updates.send(Update::Ended(ended));
         })?;
         Ok(Self {
             stop: Some(stop),
+            live,
             threads: vec![slam, encode],
         })
     }
@@ -166,6 +192,9 @@ impl Pipeline {
     /// Asks the threads to end after the frame in hand; [`SourceEnded`] still comes.
     pub fn stop(&mut self) {
         self.stop = None;
+        if let Some(live) = &self.live {
+            live.stop();
+        }
     }
 
     /// Whether all threads have ended.
@@ -193,6 +222,8 @@ enum Update {
 struct Work<'a> {
     mapper: Mapper,
     pacer: Pacer,
+    /// Of a live camera.
+    watch: Option<Watch>,
     clock: Clock,
     events: &'a SyncSender<(Stamp, Event)>,
 }
@@ -208,9 +239,14 @@ impl Work<'_> {
         while stopped.try_recv() == Err(TryRecvError::Empty) {
             let frame = match source.next_frame() {
                 Ok(Some(frame)) => frame,
+                // A live camera ends when it is stopped.
+                Ok(None) if self.watch.is_some() => return Ending::Stopped,
                 Ok(None) => return Ending::Finished,
                 Err(error) => return Ending::Failed(chain(&error)),
             };
+            if let Some(watch) = &mut self.watch {
+                watch.look(self.clock.now());
+            }
             let wait = self.pacer.wait(self.clock.now(), frame.at);
             if !wait.is_zero() && stopped.recv_timeout(wait) != Err(RecvTimeoutError::Timeout) {
                 break;
@@ -267,6 +303,49 @@ fn end(
         ate: output::ate(source.truth(), &trajectory),
         map: mapper.figures(),
         floor: mapper.floor(),
+        losses: source.live().map(|live| live.losses()),
+    }
+}
+
+/// Tells of what a live camera sends and is not used, now and then.
+struct Watch {
+    live: Live,
+    told: Losses,
+    next: Stamp,
+}
+
+/// How often losses are told.
+const TELL_LOSSES_EVERY: Duration = Duration::from_secs(10);
+
+impl Watch {
+    fn new(live: Live) -> Self {
+        Self {
+            live,
+            told: Losses::default(),
+            next: Stamp::ZERO,
+        }
+    }
+
+    fn look(&mut self, now: Stamp) {
+        let losses = self.live.losses();
+        if losses == self.told || now < self.next {
+            return;
+        }
+        let Losses {
+            overflowed,
+            damaged,
+            unpaired,
+            late,
+        } = losses;
+        tracing::warn!(
+            overflowed,
+            damaged,
+            unpaired,
+            late,
+            "messages of the camera were left out so far"
+        );
+        self.told = losses;
+        self.next = now + TELL_LOSSES_EVERY;
     }
 }
 

@@ -59,7 +59,8 @@ pub fn replay(
     mut progress: impl FnMut(Progress) -> Continue,
 ) -> Result<Report, ReplayError> {
     let source = pipeline::open_source(&settings.source)?;
-    let mut source = Prefetch::new(source, pipeline::DECODED_AHEAD)?;
+    let ahead = pipeline::decoded_ahead(source.as_ref());
+    let mut source = Prefetch::new(source, ahead)?;
     let mut figures = Figures::new(source.name(), source.frame_count(), &settings.mapping);
     let mut mapper = Mapper::new(source.camera(), &settings.mapping);
     let (ending, damage) = loop {
@@ -97,6 +98,7 @@ fn conclude(
         ate: output::ate(source.truth(), &trajectory),
         map: mapper.figures(),
         floor: mapper.floor(),
+        losses: source.live().map(|live| live.losses()),
     });
     let report = figures.report(clock.now());
     report.write(out)?;

@@ -3,6 +3,7 @@
 use std::io::Write as _;
 use std::path::Path;
 
+use sensors::live::Losses;
 use serde::Serialize;
 
 use crate::output::{OutputError, write_atomically};
@@ -16,6 +17,8 @@ pub struct Report {
     pub source_finished: bool,
     /// Why it was not, if something failed.
     pub source_error: Option<String>,
+    /// What of a live camera's messages was not used, and why; none of a recording.
+    pub source_losses: Option<Losses>,
     /// Frames processed.
     pub frames: u64,
     /// Frames in the recording, where that is known.

@@ -5,6 +5,7 @@
 //! - [`platform`], [`flight`], [`way`]: where the sensors are; [`truth`]: what is really there; [`poster`]: all of it to look at.
 //! - [`rig`]: all sensors of both vehicles, message by message; [`record`]: the same in a file.
 //! - [`dataset`]: training data of both vehicles, with truth.
+//! - [`live`]: what sensors say, over Zenoh.
 //! - [`vehicle`]: how a quadrotor and a small car move, and what their sensors say.
 //! - [`sensor`]: what its other sensors make of the truth: inertial, satellite, radar and so on.
 //! - [`autopilot`]: flies and drives them, and talks MAVLink like `ArduPilot`.
@@ -19,6 +20,7 @@ pub mod depth_camera;
 pub mod flight;
 pub mod lidar;
 pub mod link;
+pub mod live;
 pub mod noise;
 pub mod platform;
 pub mod poster;

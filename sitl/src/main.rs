@@ -198,7 +198,8 @@ fn draw_poster(args: &PosterArgs) -> anyhow::Result<()> {
 
 fn execute_run(args: RunArgs) -> anyhow::Result<()> {
     let level = if args.headless { "warn" } else { "info" };
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new(level));
+    let filter = EnvFilter::try_from_default_env()
+        .unwrap_or_else(|_unset| EnvFilter::new(format!("{level},zenoh=warn")));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)

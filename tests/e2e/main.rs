@@ -7,3 +7,4 @@ mod peers;
 mod programs;
 mod replay;
 mod soak;
+mod zenoh;

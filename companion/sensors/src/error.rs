@@ -6,6 +6,7 @@ use std::path::PathBuf;
 use maps::trajectory::tum::TumError;
 
 use crate::cdr::CdrError;
+use crate::zenoh::ZenohError;
 
 /// Why a source has no (more) frames to give. Each message names the file and, where there is one, the remedy.
 #[derive(Debug, thiserror::Error)]
@@ -188,5 +189,54 @@ pub enum SourceError {
         found: String,
         /// What it should have.
         expected: &'static str,
+    },
+    /// Live messages that cannot be received.
+    #[error(transparent)]
+    Zenoh(#[from] ZenohError),
+    /// A live camera from which nothing comes.
+    #[error("nothing to be used on {topic} for {seconds} s, over Zenoh at {endpoint}: {why}")]
+    Silent {
+        /// Where it is.
+        endpoint: String,
+        /// What is missing.
+        topic: String,
+        /// How long it was waited for.
+        seconds: f64,
+        /// Why, as far as can be told.
+        why: Silence,
+    },
+}
+
+/// Why nothing comes from a live camera.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+pub enum Silence {
+    /// Nobody is at the other end.
+    #[error(
+        "no router is there, so start it (`ros2 run rmw_zenoh_cpp rmw_zenohd`), or correct the endpoint"
+    )]
+    Unconnected,
+    /// Nobody publishes there, or not any more.
+    #[error(
+        "nobody publishes there: start the camera's driver, or set the source's topics to those of the driver"
+    )]
+    Unpublished,
+    /// Somebody publishes there and says nothing.
+    #[error(
+        "its publisher {node} is there and sends nothing: look at the camera and at the network between"
+    )]
+    Mute {
+        /// The publisher's node.
+        node: String,
+    },
+    /// What comes is older than what came before.
+    #[error("its time stamps have gone back, as after a restart of the driver: start again")]
+    BackInTime,
+    /// Colour and depth come, but not together.
+    #[error(
+        "colour and depth come, but none within {window_ms} ms of each other: check the driver's time stamps"
+    )]
+    Apart {
+        /// How far apart the two images of a frame may be.
+        window_ms: u128,
     },
 }

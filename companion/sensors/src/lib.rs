@@ -1,9 +1,10 @@
-//! Sensor messages and where they come from: TUM folders and MCAP files.
+//! Sensor messages and where they come from: TUM folders, MCAP files and live ROS 2 nodes.
 //!
 //! Everything that sees colour and depth is an [`RgbdSource`]; what comes after cannot tell a recording from another.
 //!
 //! - [`tum`]: a folder in the layout of the TUM and Bonn RGB-D data sets.
 //! - [`mcap`]: a file of ROS 2 messages, read and written.
+//! - [`zenoh`]: the same messages live, from and to nodes with `rmw_zenoh`.
 //! - [`prefetch`]: any source, decoded ahead on a thread of its own.
 //! - [`message`], [`ros`], [`cdr`]: the messages and their encoding.
 
@@ -13,17 +14,22 @@ use maps::camera::{Pinhole, RgbdFrame};
 use maps::time::Stamp;
 use nalgebra::Isometry3;
 
+use crate::live::Live;
+use crate::ros::CameraInfo;
+
 pub mod cdr;
 mod error;
 mod image;
+pub mod live;
 pub mod mcap;
 pub mod message;
 mod pairing;
 pub mod prefetch;
 pub mod ros;
 pub mod tum;
+pub mod zenoh;
 
-pub use error::SourceError;
+pub use error::{Silence, SourceError};
 
 /// A pose by which an estimate can be judged: of the tracked body (a marker, or the camera itself) in a frame of the
 /// recording's own. Only its shape in time is known, so that it is compared after alignment.
@@ -51,6 +57,11 @@ pub trait RgbdSource: Send {
 
     /// The next frame; `None` after the last one. After an error there are no more frames.
     fn next_frame(&mut self) -> Result<Option<RgbdFrame>, SourceError>;
+
+    /// A handle by which others end the wait for a frame; `None` where frames need not be waited for.
+    fn live(&self) -> Option<Live> {
+        None
+    }
 }
 
 /// A recording's name: the last part of its path, a file's without ending.
@@ -93,5 +104,20 @@ fn check_camera(path: &Path, camera: &Pinhole) -> Result<(), SourceError> {
     Err(SourceError::Camera {
         path: path.to_owned(),
         reason,
+    })
+}
+
+/// The camera that a message describes, if everything there is to say of it is understood.
+fn checked_camera(path: &Path, info: &CameraInfo<'_>) -> Result<Pinhole, SourceError> {
+    check_camera(path, &info.camera)?;
+    if info.is_understood() {
+        return Ok(info.camera);
+    }
+    Err(SourceError::Camera {
+        path: path.to_owned(),
+        reason: format!(
+            "its lens model is `{}` with {:?}: rectify the recording, or use a camera with `plumb_bob`",
+            info.model, info.coefficients
+        ),
     })
 }

@@ -25,7 +25,7 @@ use serde::{Deserialize, Serialize};
 use crate::image::{raw_color, raw_depth};
 use crate::pairing::mutual_nearest;
 use crate::ros::{self, CameraInfo, Image};
-use crate::{RgbdSource, SourceError, TruthPose, check_camera};
+use crate::{RgbdSource, SourceError, TruthPose, checked_camera};
 
 mod writer;
 
@@ -333,17 +333,7 @@ impl Survey {
                 .push(decode_image(path, topic, &message.data)?.at);
         } else if *topic == topics.camera_info && self.camera.is_none() {
             let info = CameraInfo::decode(&message.data).map_err(damaged)?;
-            check_camera(path, &info.camera)?;
-            if !info.is_understood() {
-                return Err(SourceError::Camera {
-                    path: path.to_owned(),
-                    reason: format!(
-                        "its lens model is `{}` with {:?}: rectify the recording, or use a camera with `plumb_bob`",
-                        info.model, info.coefficients
-                    ),
-                });
-            }
-            self.camera = Some(info.camera);
+            self.camera = Some(checked_camera(path, &info)?);
         } else if *topic == topics.truth {
             let (at, pose) = ros::decode_pose(&message.data).map_err(damaged)?;
             self.truth.extend(pose.map(|pose| TruthPose { at, pose }));

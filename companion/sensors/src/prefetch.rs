@@ -2,7 +2,7 @@
 //!
 //! Decoding a JPEG and a PNG takes a good part of a frame's time. A thread named `sensor-decode` does it while the
 //! previous frame is tracked; a bounded channel holds it to a few frames ahead: it waits when the channel is full, so
-//! that no frame of a recording is lost.
+//! that no frame of a recording is lost. A live source loses its oldest messages while it waits, and counts them.
 
 use std::io;
 use std::sync::mpsc::{Receiver, sync_channel};
@@ -10,10 +10,10 @@ use std::thread::{Builder, JoinHandle};
 
 use maps::camera::{Pinhole, RgbdFrame};
 
+use crate::live::Live;
 use crate::{RgbdSource, SourceError, TruthPose};
 
 /// A source whose frames are decoded ahead.
-#[derive(Debug)]
 pub struct Prefetch {
     name: String,
     camera: Pinhole,
@@ -21,7 +21,9 @@ pub struct Prefetch {
     truth: Vec<TruthPose>,
     /// `None` once it has ended.
     frames: Option<Receiver<Result<RgbdFrame, SourceError>>>,
-    thread: Option<JoinHandle<()>>,
+    live: Option<Live>,
+    /// Gives the source back.
+    thread: Option<JoinHandle<Box<dyn RgbdSource>>>,
 }
 
 impl Prefetch {
@@ -30,6 +32,7 @@ impl Prefetch {
         let (sender, frames) = sync_channel(ahead.max(1));
         let (name, camera) = (source.name().to_owned(), source.camera());
         let (frame_count, truth) = (source.frame_count(), source.truth().to_vec());
+        let live = source.live();
         let thread = Builder::new().name("sensor-decode".into()).spawn(move || {
             // Ends with the source, at its first error, or when nobody waits for frames any more.
             while let Some(frame) = source.next_frame().transpose() {
@@ -38,6 +41,7 @@ impl Prefetch {
                     break;
                 }
             }
+            source
         })?;
         Ok(Self {
             name,
@@ -45,8 +49,22 @@ impl Prefetch {
             frame_count,
             truth,
             frames: Some(frames),
+            live,
             thread: Some(thread),
         })
+    }
+
+    /// Ends the source, if it has not ended, and takes over what it has learnt of the truth while it was live.
+    pub fn finish(&mut self) {
+        // Without a receiver the thread's next `send` fails and it ends.
+        self.frames = None;
+        if let Some(live) = &self.live {
+            live.stop();
+        }
+        // A panic there has been printed by the thread itself.
+        if let Some(Ok(source)) = self.thread.take().map(JoinHandle::join) {
+            self.truth = source.truth().to_vec();
+        }
     }
 }
 
@@ -71,16 +89,15 @@ impl RgbdSource for Prefetch {
         let frame = self.frames.as_ref().and_then(|frames| frames.recv().ok());
         frame.transpose()
     }
+
+    fn live(&self) -> Option<Live> {
+        self.live.clone()
+    }
 }
 
 impl Drop for Prefetch {
     fn drop(&mut self) {
-        // Without a receiver the thread's next `send` fails and it ends.
-        self.frames = None;
-        if let Some(thread) = self.thread.take() {
-            // A panic there has been printed by the thread itself.
-            let _outcome = thread.join();
-        }
+        self.finish();
     }
 }
 

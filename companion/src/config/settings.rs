@@ -11,7 +11,8 @@ use mavlink_ext::link::LinkUri;
 use mavlink_ext::{Address, ComponentId, SystemId};
 use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use sensors::mcap::Topics;
-use sensors::tum;
+use sensors::zenoh::Patience;
+use sensors::{tum, zenoh};
 
 use super::{
     CameraTable, Config, ConfigError, Fault, MapTable, MountTable, OriginTable, Pace, SlamTable,
@@ -44,16 +45,25 @@ pub struct Settings {
 /// Where colour and depth come from.
 #[derive(Clone, Debug, PartialEq)]
 pub struct SourceSettings {
-    /// A folder in TUM layout or an MCAP file; never empty.
-    pub path: PathBuf,
+    /// A recording or a live camera.
+    pub place: SourcePlace,
     /// How fast a recording is played.
     pub pace: Pace,
     /// How to read a TUM folder.
     pub tum: tum::Settings,
     /// The camera of a TUM folder.
     pub camera: Pinhole,
-    /// The channels of an MCAP file.
+    /// The channels of an MCAP file or of a live camera.
     pub topics: Topics,
+}
+
+/// A recording or a live camera.
+#[derive(Clone, Debug, PartialEq)]
+pub enum SourcePlace {
+    /// A folder in TUM layout or an MCAP file; never empty.
+    Recording(PathBuf),
+    /// A ROS 2 node with `rmw_zenoh`.
+    Live(zenoh::Settings, Patience),
 }
 
 /// Localisation and mapping.
@@ -103,12 +113,6 @@ impl Config {
             "vehicle.component_id",
             &vehicle.component_id,
             "2 to 255, as 1 is the autopilot; 191 is the first on-board computer",
-        );
-        faults.ensure(
-            !source.path.as_os_str().is_empty(),
-            "source.path",
-            &"empty",
-            "a TUM folder or an MCAP file; --source gives one for this run",
         );
         faults.ensure(
             links.ground_bytes_per_s >= 1000,
@@ -199,7 +203,7 @@ impl SourceTable {
             "0 to 1000 ms",
         );
         SourceSettings {
-            path: self.path.clone(),
+            place: self.place(faults),
             pace: self.pace,
             tum: tum::Settings {
                 depth_factor,
@@ -209,6 +213,54 @@ impl SourceTable {
             camera: camera.check(faults),
             topics: self.topics.clone(),
         }
+    }
+}
+
+impl SourceTable {
+    fn place(&self, faults: &mut Faults) -> SourcePlace {
+        let time = "0.1 to 600 s";
+        let patience = Patience {
+            camera: seconds(faults.within("source.wait_s", self.wait_s, 0.1..=600.0, time)),
+            frame: seconds(faults.within("source.silence_s", self.silence_s, 0.1..=600.0, time)),
+        };
+        faults.ensure(
+            self.domain_id <= 232,
+            "source.domain_id",
+            &self.domain_id,
+            "0 to 232, as ROS_DOMAIN_ID of the camera's node",
+        );
+        let path = self.path.clone();
+        match (path.as_os_str().is_empty(), self.zenoh.is_empty()) {
+            (false, true) => return SourcePlace::Recording(path),
+            (true, false) => {}
+            (is_empty, _) => {
+                let value = if is_empty {
+                    "empty".to_owned()
+                } else {
+                    format!("{}, beside source.zenoh", path.display())
+                };
+                faults.ensure(
+                    false,
+                    "source.path",
+                    &value,
+                    "either a TUM folder or an MCAP file, which --source gives for this run, or a live camera at source.zenoh",
+                );
+                return SourcePlace::Recording(path);
+            }
+        }
+        let session = zenoh::Settings::at(&self.zenoh);
+        faults.ensure(
+            session.is_ok(),
+            "source.zenoh",
+            &format!("\"{}\"", self.zenoh),
+            "tcp/HOST:PORT, where the router of the camera's node is, or listen:tcp/HOST:PORT to be the router",
+        );
+        let session = zenoh::Settings {
+            domain: self.domain_id,
+            node: "companion".into(),
+            ..session.unwrap_or_default()
+        };
+        SourcePlace::Live(session, patience)
     }
 }
 

@@ -86,6 +86,48 @@ fn a_value_that_makes_no_sense_is_refused_with_its_key_and_what_it_should_be() {
 }
 
 #[test]
+fn a_source_is_a_recording_or_a_live_camera_and_never_both() {
+    check_refused(
+        "source.path = \"a.mcap\"\nsource.zenoh = \"tcp/127.0.0.1:7447\"",
+        &["source.path is a.mcap, beside source.zenoh", "either"],
+    );
+    let live: Config = toml::from_str("source.zenoh = \"tcp/10.0.0.7:7447\"\nsource.domain_id = 3")
+        .expect("well-formed");
+    let SourcePlace::Live(session, patience) = live.check().expect("sound").source.place else {
+        panic!("no camera");
+    };
+    assert_eq!(session.connect, ["tcp/10.0.0.7:7447"]);
+    assert_eq!((session.domain, session.node.as_str()), (3, "companion"));
+    assert_eq!(patience, Patience::default());
+    let place = sound().check().expect("sound").source.place;
+    assert_eq!(place, SourcePlace::Recording("flight.mcap".into()));
+}
+
+#[test]
+fn what_makes_no_sense_of_a_live_camera_is_refused() {
+    let refused = |toml: &str, words: &[&str]| {
+        check_refused(&format!("source.path = \"\"\n{toml}"), words);
+    };
+    refused(
+        "source.zenoh = \"udp/127.0.0.1:7447\"",
+        &["source.zenoh is \"udp/127.0.0.1:7447\"", "tcp/HOST:PORT"],
+    );
+    let at = "source.zenoh = \"tcp/a:1\"";
+    refused(
+        &format!("{at}\nsource.domain_id = 233"),
+        &["source.domain_id is 233", "0 to 232"],
+    );
+    refused(
+        &format!("{at}\nsource.wait_s = 0.0"),
+        &["source.wait_s is 0", "0.1 to 600 s"],
+    );
+    refused(
+        &format!("{at}\nsource.silence_s = nan"),
+        &["source.silence_s is NaN"],
+    );
+}
+
+#[test]
 fn all_values_that_make_no_sense_are_named_at_once() {
     check_refused(
         "map.resolution_m = nan\nmap.tile_period_s = nan\nlinks.ground = \"tcp:a\"\ncamera.height_px = 0",

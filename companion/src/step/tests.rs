@@ -509,6 +509,7 @@ fn the_map_arrives_over_a_link_that_loses_a_fifth() {
             voxels_known: map.known_count(),
         },
         floor: None,
+        losses: None,
     };
     bench.step(30_010, Event::SourceEnded(ended));
     assert!(bench.exited);
@@ -557,6 +558,7 @@ fn the_report_is_written_when_the_recording_is_over_and_the_map_is_still_served(
             voxels_known: 0,
         },
         floor: None,
+        losses: None,
     };
     bench.step(20, Event::SourceEnded(ended));
     let [report] = &bench.reports[..] else {
@@ -587,6 +589,7 @@ fn a_camera_that_fails_is_told_and_the_map_is_kept() {
             voxels_known: 3,
         },
         floor: None,
+        losses: None,
     };
     bench.step(20, Event::SourceEnded(ended));
     assert_eq!(
