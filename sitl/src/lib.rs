@@ -7,12 +7,14 @@
 //! - [`vehicle`]: how a quadrotor and a small car move, and what their sensors say.
 //! - [`sensor`]: what its other sensors make of the truth: inertial, satellite, radar and so on.
 //! - [`autopilot`]: flies and drives them, and talks MAVLink like `ArduPilot`.
+//! - [`bridge`]: the other end of a real `ArduPilot`, which flies and drives them instead.
 //! - [`link`]: what a radio does to what is sent over it.
 //! - [`simulation`], [`run`], [`report`]: all of it together.
 //!
 //! Of the maps it uses only frames, time and the camera: truth shares no code with estimates.
 
 pub mod autopilot;
+pub mod bridge;
 pub mod depth_camera;
 pub mod flight;
 pub mod lidar;

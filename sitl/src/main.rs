@@ -5,6 +5,8 @@ mod status;
 use std::io::{IsTerminal as _, Write as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -12,6 +14,7 @@ use std::time::{Duration, Instant};
 use anyhow::Context as _;
 use clap::{Args, Parser, Subcommand};
 use maps::time::Stamp;
+use sitl::bridge;
 use sitl::poster::{Canvas, poster};
 use sitl::run::{QUEUE, Settings, run};
 use sitl::scene::Name;
@@ -35,6 +38,8 @@ enum Command {
     Run(RunArgs),
     /// Draws a contact sheet: what all sensors see of each scene, and the truth.
     Poster(PosterArgs),
+    /// Lets a real `ArduPilot` fly or drive in a scene, through its JSON interface.
+    Bridge(bridge::cli::Args),
 }
 
 #[derive(Args)]
@@ -124,7 +129,24 @@ fn execute() -> anyhow::Result<()> {
     match Cli::parse().command {
         Command::Run(args) => execute_run(args),
         Command::Poster(args) => draw_poster(&args),
+        Command::Bridge(args) => {
+            start_log("info");
+            let stop = Arc::new(AtomicBool::new(false));
+            let stopped = Arc::clone(&stop);
+            ctrlc::set_handler(move || stopped.store(true, Ordering::Relaxed))
+                .context("cannot listen for ctrl-c")?;
+            bridge::cli::run(&args, &stop)
+        }
     }
+}
+
+fn start_log(level: &str) {
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new(level));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .init();
 }
 
 fn draw_poster(args: &PosterArgs) -> anyhow::Result<()> {
@@ -146,13 +168,7 @@ fn draw_poster(args: &PosterArgs) -> anyhow::Result<()> {
 }
 
 fn execute_run(args: RunArgs) -> anyhow::Result<()> {
-    let level = if args.headless { "warn" } else { "info" };
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new(level));
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_writer(std::io::stderr)
-        .with_ansi(std::io::stderr().is_terminal())
-        .init();
+    start_log(if args.headless { "warn" } else { "info" });
     let settings = Settings {
         scene: args.scene,
         seed: args.seed,

@@ -166,7 +166,7 @@ fn above_the_ceiling_a_copter_turns_back() {
 }
 
 #[test]
-fn a_rover_turns_back_without_a_word_and_waits_for_its_mission_to_be_changed() {
+fn a_rover_says_no_more_than_that_a_recovery_began_and_does_what_the_action_says() {
     for (action, mode) in [
         (0.0, Mode::Guided),
         (1.0, Mode::Rtl),
