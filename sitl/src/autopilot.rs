@@ -5,19 +5,25 @@
 //! and returns the answers. It steers by what its sensors say, not by the truth.
 //!
 //! - [`mode`], [`parameters`]: `ArduPilot`'s numbers and names.
-//! - `command`, `arming`, `streams`, `telemetry`, `failsafe`: the services.
+//! - `command`, `arming`, `switch` (of modes), `streams`, `telemetry`: the services.
+//! - `plans`: missions and fences as they come in.
+//! - `failsafe`, `power`, `fence`: what it does when something goes wrong.
 //! - `guide`, `execute`, [`pursuit`]: where to go, by mission or command, and how to get there.
 
 mod arming;
 mod command;
 mod execute;
 mod failsafe;
+mod fence;
 mod guide;
 mod guided;
 pub mod mode;
 pub mod parameters;
+mod plans;
+mod power;
 pub mod pursuit;
 mod streams;
+mod switch;
 mod telemetry;
 
 use std::time::Duration;
@@ -25,10 +31,10 @@ use std::time::Duration;
 use maps::frame::{Isometry, Point, World};
 use maps::time::Stamp;
 use mavlink_ext::dialect::tandem::{
-    MavMissionResult, MavSeverity, MavType, ODOMETRY_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
+    MavMissionType, MavSeverity, MavType, ODOMETRY_DATA, STATUSTEXT_DATA, TIMESYNC_DATA,
 };
 use mavlink_ext::dialect::{char_array, cmd};
-use mavlink_ext::mission::{MissionChange, MissionFrame, MissionItem, Server};
+use mavlink_ext::mission::{MissionItem, Server};
 use mavlink_ext::service::is_for;
 use mavlink_ext::{Address, Message, ftp, params};
 use nalgebra::Isometry3;
@@ -41,9 +47,11 @@ use crate::vehicle::rover::{self, Rover};
 use crate::wgs84::Origin;
 use execute::Execution;
 use failsafe::Failsafe;
+use fence::{Fence, zones};
 use guide::{Goal, Guided};
 use mode::{Kind, Mode};
 use parameters::{Parameter, Parameters};
+use plans::{accepts_in_the_air, accepts_on_the_ground};
 use streams::Streams;
 
 /// After power-up the receiver needs this long for a fix, and the estimator to settle.
@@ -105,7 +113,12 @@ pub struct Autopilot {
     files: ftp::Server,
     mission: Server,
     execution: Execution,
+    /// Polygons and circles as they were uploaded; `fence` has them as they are in the world.
+    fence_plan: Server,
+    fence: Fence,
     failsafe: Failsafe,
+    /// When it says next what stands against arming.
+    prearm_said_next: Option<Stamp>,
     mode: Mode,
     armed: bool,
     /// Since when it has stood on the ground, armed and not wanting to fly.
@@ -120,6 +133,7 @@ pub struct Autopilot {
     reverse: bool,
     odometry: OdometryHeard,
     next_heartbeat: Stamp,
+    now: Stamp,
     out: Vec<Message>,
 }
 
@@ -151,7 +165,14 @@ impl Autopilot {
             files: ftp::Server::new(setup.address, None, FILES_BYTES_PER_S),
             mission: Server::new(setup.address, accept),
             execution: Execution::default(),
+            fence_plan: Server::of_kind(
+                setup.address,
+                MavMissionType::MAV_MISSION_TYPE_FENCE,
+                (zones::accepts, zones::accepts_all),
+            ),
+            fence: Fence::default(),
             failsafe: Failsafe::default(),
+            prearm_said_next: None,
             mode: kind.first_mode(),
             armed: false,
             idle_since: None,
@@ -163,20 +184,24 @@ impl Autopilot {
             reverse: false,
             odometry: OdometryHeard::default(),
             next_heartbeat: Stamp::ZERO,
+            now: Stamp::ZERO,
             out: Vec::new(),
         }
     }
 
     /// Moves on by `dt` seconds to `now`; returns what it sends.
     pub fn step(&mut self, now: Stamp, dt: f64) -> Vec<Message> {
+        self.now = now;
         self.apply_parameters();
         self.sense(now, dt);
         self.check_failsafes(now);
+        self.say_prearm_failures(now);
         self.execute_mission(now);
         self.move_on(now, dt);
         self.disarm_on_the_ground(now);
-        let step = self.mission.tick(now);
-        self.out.extend(step.send);
+        for plan in [&mut self.mission, &mut self.fence_plan] {
+            self.out.extend(plan.tick(now).send);
+        }
         if now >= self.next_heartbeat {
             self.next_heartbeat = now + HEARTBEAT_INTERVAL;
             self.out.push(self.heartbeat());
@@ -197,11 +222,8 @@ impl Autopilot {
         if from == self.address || !is_for(self.address, message) {
             return Vec::new();
         }
-        let step = self.mission.handle(now, from, message);
-        self.out.extend(step.send);
-        for MissionChange::Replaced { items } in step.events {
-            self.mission_replaced(items);
-        }
+        self.now = now;
+        self.exchange_plan(now, from, message);
         match message {
             Message::HEARTBEAT(heartbeat) => {
                 self.streams.start();
@@ -318,7 +340,9 @@ impl Autopilot {
         self.battery.capacity_mah = get(Parameter::BatteryCapacity);
         match &mut self.vehicle {
             Vehicle::Copter(copter) => {
-                copter.limits.tilt_rad = (get(Parameter::AngleMax) / 100.0).to_radians();
+                // Beyond these it does not arm, but it may be told so in flight.
+                let tilt_deg = (get(Parameter::AngleMax) / 100.0).clamp(10.0, 80.0);
+                copter.limits.tilt_rad = tilt_deg.to_radians();
                 // The wind blows from there: in the world, towards the opposite direction.
                 let (sin, cos) = get(Parameter::WindDirection).to_radians().sin_cos();
                 let speed = get(Parameter::WindSpeed);
@@ -334,7 +358,7 @@ impl Autopilot {
     }
 
     fn has_fix(&self, now: Stamp) -> bool {
-        now >= Stamp::ZERO + BOOT && !self.parameters.is_on(Parameter::GpsDisable)
+        has_booted(now) && !self.parameters.is_on(Parameter::GpsDisable)
     }
 
     /// The estimate: attitude and velocity as they are, the position with the receiver's error. Without a fix the
@@ -412,6 +436,10 @@ impl Autopilot {
     }
 }
 
+fn has_booted(now: Stamp) -> bool {
+    now >= Stamp::ZERO + BOOT
+}
+
 fn true_motion(vehicle: &Vehicle) -> Motion {
     match vehicle {
         Vehicle::Copter(copter) => copter.motion(),
@@ -429,39 +457,6 @@ fn timesync_answer(now: Stamp, from: Address, sync: &TIMESYNC_DATA) -> Option<Me
             target_component: from.component.0,
         })
     })
-}
-
-fn accepts_in_the_air(item: &MissionItem) -> Result<(), MavMissionResult> {
-    accepts(item, &[cmd::NAV_TAKEOFF, cmd::NAV_LAND])
-}
-
-fn accepts_on_the_ground(item: &MissionItem) -> Result<(), MavMissionResult> {
-    accepts(item, &[cmd::DO_SET_REVERSE])
-}
-
-fn accepts(item: &MissionItem, also: &[u16]) -> Result<(), MavMissionResult> {
-    const BOTH: [u16; 6] = [
-        cmd::NAV_WAYPOINT,
-        cmd::NAV_LOITER_UNLIM,
-        cmd::NAV_LOITER_TIME,
-        cmd::NAV_RETURN_TO_LAUNCH,
-        cmd::DO_CHANGE_SPEED,
-        cmd::DO_SET_CAM_TRIGG_DIST,
-    ];
-    if !BOTH.contains(&item.command) && !also.contains(&item.command) {
-        return Err(MavMissionResult::MAV_MISSION_UNSUPPORTED);
-    }
-    let needs_place = matches!(
-        item.command,
-        cmd::NAV_WAYPOINT | cmd::NAV_LOITER_UNLIM | cmd::NAV_LOITER_TIME
-    );
-    if needs_place && item.frame == MissionFrame::Command {
-        return Err(MavMissionResult::MAV_MISSION_UNSUPPORTED_FRAME);
-    }
-    if !item.alt_m.is_finite() {
-        return Err(MavMissionResult::MAV_MISSION_INVALID_PARAM7);
-    }
-    Ok(())
 }
 
 /// What a rover does that is to stand.

@@ -9,6 +9,7 @@
 //! - [`vehicle`]: how a quadrotor and a small car move, and what their sensors say.
 //! - [`sensor`]: what its other sensors make of the truth: inertial, satellite, radar and so on.
 //! - [`autopilot`]: flies and drives them, and talks MAVLink like `ArduPilot`.
+//! - [`bridge`]: the other end of a real `ArduPilot`, which flies and drives them instead.
 //! - [`link`]: what a radio does to what is sent over it.
 //! - [`simulation`], [`run`], [`report`]: all of it together.
 //!
@@ -16,6 +17,7 @@
 
 pub mod autopilot;
 pub mod dataset;
+pub mod bridge;
 pub mod depth_camera;
 pub mod flight;
 pub mod lidar;

@@ -5,6 +5,8 @@ mod status;
 use std::io::{IsTerminal as _, Write as _};
 use std::path::PathBuf;
 use std::process::ExitCode;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::mpsc::{SyncSender, sync_channel};
 use std::thread;
 use std::time::{Duration, Instant};
@@ -14,6 +16,7 @@ use clap::{Args, Parser, Subcommand};
 use maps::time::Stamp;
 use sitl::dataset;
 use sitl::link::Profile;
+use sitl::bridge;
 use sitl::poster::{Canvas, poster};
 use sitl::rig::Setup;
 use sitl::run::{QUEUE, Settings, run};
@@ -41,6 +44,8 @@ enum Command {
     Poster(PosterArgs),
     /// Writes training data with truth: what both vehicles see of streets, frame by frame. Goes on where it was ended.
     Dataset(dataset::cli::Args),
+    /// Lets a real `ArduPilot` fly or drive in a scene, through its JSON interface.
+    Bridge(bridge::cli::Args),
 }
 
 #[derive(Args)]
@@ -175,7 +180,24 @@ fn execute() -> anyhow::Result<()> {
         Command::Run(args) => execute_run(args),
         Command::Poster(args) => draw_poster(&args),
         Command::Dataset(args) => dataset::cli::execute(&args, clock(now())),
+        Command::Bridge(args) => {
+            start_log("info");
+            let stop = Arc::new(AtomicBool::new(false));
+            let stopped = Arc::clone(&stop);
+            ctrlc::set_handler(move || stopped.store(true, Ordering::Relaxed))
+                .context("cannot listen for ctrl-c")?;
+            bridge::cli::run(&args, &stop)
+        }
     }
+}
+
+fn start_log(level: &str) {
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new(level));
+    tracing_subscriber::fmt()
+        .with_env_filter(filter)
+        .with_writer(std::io::stderr)
+        .with_ansi(std::io::stderr().is_terminal())
+        .init();
 }
 
 fn draw_poster(args: &PosterArgs) -> anyhow::Result<()> {
@@ -216,6 +238,7 @@ fn execute_run(args: RunArgs) -> anyhow::Result<()> {
             .with_context(|| format!("cannot read {}", file.display()))?;
         setup.faults = text.parse().with_context(|| file.display().to_string())?;
     }
+    start_log(if args.headless { "warn" } else { "info" });
     let settings = Settings {
         setup,
         record: args.record,

@@ -6,6 +6,7 @@
 pub mod battery;
 pub mod copter;
 pub mod gnss;
+pub mod quadrotor;
 pub mod rover;
 
 use maps::frame::{Body, Isometry, Point, Vector, World};

@@ -3,6 +3,7 @@
 mod autopilot;
 mod companion;
 mod dialect;
+mod failures;
 mod host;
 mod services;
 

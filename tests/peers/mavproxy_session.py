@@ -1,10 +1,10 @@
 """A session of MAVProxy, an independent ground station: it connects, fetches all parameters, and uploads missions.
 
-usage: mavproxy_session.py ENDPOINT FOLDER autopilot|companion|both
+usage: mavproxy_session.py ENDPOINT FOLDER autopilot|companion|both|mission
 
 ENDPOINT is MAVProxy's, such as udpin:127.0.0.1:14550; its logs and files go into FOLDER. The last word says who is there. With
 an autopilot it uploads a mission that the vehicle can do and then one that it cannot; of a companion, 1/191, it wants
-heartbeats.
+heartbeats. With `mission` the autopilot's vehicle flies or drives one to its end, and gets a fence.
 Exits 0 if all of it worked and MAVProxy complained of nothing, 1 with what it said otherwise.
 """
 
@@ -23,8 +23,34 @@ MISSION = """QGC WPL 110
 """
 # Turning a camera's mount is nothing that our vehicles do.
 IMPOSSIBLE = MISSION.replace("2\t0\t3\t16", "2\t0\t3\t205")
+# From where the simulated vehicles start: up, a few metres and back, or along a few metres and back.
+FLIGHT = """QGC WPL 110
+0\t1\t0\t16\t0\t0\t0\t0\t50.7277\t7.0866\t110\t1
+1\t0\t3\t22\t0\t0\t0\t0\t0\t0\t2\t1
+2\t0\t3\t16\t0\t0\t0\t0\t50.7277180\t7.0866\t2\t1
+3\t0\t3\t16\t0.5\t0\t0\t0\t50.7277180\t7.0866200\t2\t1
+4\t0\t3\t20\t0\t0\t0\t0\t0\t0\t0\t1
+"""
+DRIVE = """QGC WPL 110
+0\t1\t0\t16\t0\t0\t0\t0\t50.7277\t7.0866\t110\t1
+1\t0\t3\t16\t0\t0\t0\t0\t50.7277\t7.0866200\t0\t1
+2\t0\t3\t16\t0.5\t0\t0\t0\t50.7277090\t7.0866400\t0\t1
+"""
+FENCE = """QGC WPL 110
+0\t0\t0\t5001\t3\t0\t0\t0\t50.7276\t7.0865\t0\t1
+1\t0\t0\t5001\t3\t0\t0\t0\t50.7276\t7.0868\t0\t1
+2\t0\t0\t5001\t3\t0\t0\t0\t50.7279\t7.0866\t0\t1
+3\t0\t0\t5004\t2\t0\t0\t0\t50.7278\t7.0866\t0\t1
+"""
 COMPANION = "1:191"
 HEARTBEAT = r"HEARTBEAT \{type : 18, autopilot : 8, .* system_status : 4,"  # an on-board controller that is active
+FILES = {
+    "mission.txt": MISSION,
+    "impossible.txt": IMPOSSIBLE,
+    "flight.txt": FLIGHT,
+    "drive.txt": DRIVE,
+    "fence.txt": FENCE,
+}
 # MAVProxy's own: modules whose libraries are not installed.
 HARMLESS = re.compile(r"Failed to load module: No module named")
 COMPLAINT = re.compile(r"error|fail|timed? ?out|breach|refus|invalid|lost|retry|down", re.IGNORECASE)
@@ -114,6 +140,26 @@ def meet_autopilot(session):
     print(f"mission of {saved[1]} items")
 
 
+def fly(session):
+    """A whole mission, then a fence."""
+    session.expect(r"Detected vehicle \d:1 on link 0")
+    session.expect(r"Received (\d+) parameters")
+    copter = session.ask("status HEARTBEAT", r"HEARTBEAT \{type : (\d+), autopilot : 3,")[1] == "2"
+    session.type(f"wp load {'flight' if copter else 'drive'}.txt")
+    session.expect(r"Got MISSION_ACK: TYPE_MISSION: ACCEPTED|Sent all (\d+) waypoints")
+    session.type("mode guided")
+    session.ask("status HEARTBEAT", rf"custom_mode : {4 if copter else 15},")
+    session.type("arm throttle")
+    session.expect(r"AP: (Arming motors|Throttle armed)")
+    session.type("mode auto")
+    session.expect(r"AP: Disarming motors" if copter else r"AP: Mission complete")
+    print("mission flown")
+    session.type("fence load fence.txt")
+    session.expect(r"Got MISSION_ACK: TYPE_FENCE: ACCEPTED|Sent all (\d+) fence")
+    saved = session.ask("fence list", r"Saved (\d+) fence")
+    print(f"fence of {saved[1]} items")
+
+
 def fail(session):
     """An upload that the autopilot refuses."""
     session.type("wp load impossible.txt")
@@ -122,13 +168,18 @@ def fail(session):
 
 
 def main():
-    if len(sys.argv) != 4 or sys.argv[3] not in ("autopilot", "companion", "both"):
+    if len(sys.argv) != 4 or sys.argv[3] not in ("autopilot", "companion", "both", "mission"):
         sys.exit(__doc__)
     endpoint, folder, whom = sys.argv[1:]
-    for name, items in (("mission.txt", MISSION), ("impossible.txt", IMPOSSIBLE)):
+    for name, items in FILES.items():
         with open(os.path.join(folder, name), "w", encoding="ascii") as file:
             file.write(items)
     session = Session(endpoint, folder)
+    if whom == "mission":
+        fly(session)
+        session.expect_no_complaint()
+        session.end()
+        return
     if whom != "autopilot":
         meet_companion(session, alone=whom == "companion")
     if whom != "companion":

@@ -120,6 +120,8 @@ def telemetry(system):
     }
     print(json.dumps(report))
     param = Param(system)
+    # With a fence it needs a position to be armed in any mode.
+    param.set_param_int("FENCE_ENABLE", 1)
     param.set_param_int("SIM_GPS_DISABLE", 1)
     wait_for("loss of position", lambda: not told.health().is_global_position_ok)
     wait_for("loss of readiness", lambda: not told.health().is_armable and not told.health_all_ok())

@@ -48,6 +48,18 @@ commands! {
     DO_SET_ROI_LOCATION = MAV_CMD_DO_SET_ROI_LOCATION;
     /// Take pictures by distance.
     DO_SET_CAM_TRIGG_DIST = MAV_CMD_DO_SET_CAM_TRIGG_DIST;
+    /// Switch the fence off (0) or on (1), all of it or some kinds.
+    DO_FENCE_ENABLE = MAV_CMD_DO_FENCE_ENABLE;
+    /// Of a fence: where to return to.
+    NAV_FENCE_RETURN_POINT = MAV_CMD_NAV_FENCE_RETURN_POINT;
+    /// Of a fence: a corner of a polygon to stay within.
+    NAV_FENCE_POLYGON_VERTEX_INCLUSION = MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION;
+    /// Of a fence: a corner of a polygon to stay out of.
+    NAV_FENCE_POLYGON_VERTEX_EXCLUSION = MAV_CMD_NAV_FENCE_POLYGON_VERTEX_EXCLUSION;
+    /// Of a fence: a circle to stay within.
+    NAV_FENCE_CIRCLE_INCLUSION = MAV_CMD_NAV_FENCE_CIRCLE_INCLUSION;
+    /// Of a fence: a circle to stay out of.
+    NAV_FENCE_CIRCLE_EXCLUSION = MAV_CMD_NAV_FENCE_CIRCLE_EXCLUSION;
     /// Choose the current mission item.
     DO_SET_MISSION_CURRENT = MAV_CMD_DO_SET_MISSION_CURRENT;
     /// Start the mission.

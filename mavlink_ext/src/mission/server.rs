@@ -1,4 +1,7 @@
-//! The vehicle's end: stores one mission, and answers for fence and rally points that it has none.
+//! The vehicle's end: stores one plan, and answers for plans of other kinds that it has none.
+//!
+//! A vehicle with a fence has two: one of its mission, which answers for rally points too, and one of its fence, which is
+//! told of messages of its own kind only.
 
 use maps::time::Stamp;
 
@@ -25,11 +28,18 @@ pub enum MissionChange {
     },
 }
 
-/// A vehicle's mission storage.
+/// Whether a vehicle can do an item.
+type Accept = fn(&MissionItem) -> Result<(), MavMissionResult>;
+/// Whether a plan as a whole makes sense.
+type AcceptAll = fn(&[MissionItem]) -> Result<(), MavMissionResult>;
+
+/// A vehicle's storage of its mission, or of a plan of another kind.
 #[derive(Clone, Debug)]
 pub struct Server {
     own: Address,
-    accept: fn(&MissionItem) -> Result<(), MavMissionResult>,
+    kind: MavMissionType,
+    accept: Accept,
+    accept_all: AcceptAll,
     items: Vec<MissionItem>,
     current: u16,
     receiving: Option<Receiving>,
@@ -48,10 +58,22 @@ struct Receiving {
 
 impl Server {
     /// An empty mission. `accept` says which items the vehicle can do.
-    pub fn new(own: Address, accept: fn(&MissionItem) -> Result<(), MavMissionResult>) -> Self {
+    pub fn new(own: Address, accept: Accept) -> Self {
+        Self::of_kind(own, MISSION, (accept, |_| Ok(())))
+    }
+
+    /// An empty plan of that kind. The first function says which items the vehicle can do, the second one, asked when all
+    /// have come, whether they make sense together.
+    pub fn of_kind(
+        own: Address,
+        kind: MavMissionType,
+        (accept, accept_all): (Accept, AcceptAll),
+    ) -> Self {
         Self {
             own,
+            kind,
             accept,
+            accept_all,
             items: Vec::new(),
             current: 0,
             receiving: None,
@@ -81,7 +103,7 @@ impl Server {
         let mut crc = 0;
         for (seq, item) in self.items.iter().enumerate() {
             let mut payload = [0; MISSION_ITEM_INT_DATA::ENCODED_LEN];
-            item.to_message(seq as u16, Address::ALL, MISSION)
+            item.to_message(seq as u16, Address::ALL, self.kind)
                 .ser(mavlink_core::MavlinkVersion::V2, &mut payload);
             crc = crc32c::crc32c_append(crc, &payload);
         }
@@ -110,7 +132,7 @@ impl Server {
                     target_system: from.system.0,
                     target_component: from.component.0,
                     mission_type: list.mission_type,
-                    opaque_id: if list.mission_type == MISSION {
+                    opaque_id: if list.mission_type == self.kind {
                         self.mission_id()
                     } else {
                         0
@@ -139,7 +161,7 @@ impl Server {
     }
 
     fn stored(&self, mission_type: MavMissionType) -> &[MissionItem] {
-        if mission_type == MISSION {
+        if mission_type == self.kind {
             &self.items
         } else {
             &[]
@@ -149,7 +171,7 @@ impl Server {
     fn read(&self, to: Address, seq: u16, mission_type: MavMissionType) -> Step<MissionChange> {
         match self.stored(mission_type).get(usize::from(seq)) {
             Some(item) => {
-                let mut item = item.to_message(seq, to, MISSION);
+                let mut item = item.to_message(seq, to, self.kind);
                 item.current = u8::from(seq == self.current);
                 Step::send(Message::MISSION_ITEM_INT(item))
             }
@@ -165,7 +187,7 @@ impl Server {
     ) -> Step<MissionChange> {
         let refuse = |result| Step::send(ack(from, result, count.mission_type));
         let total = usize::from(count.count);
-        if count.mission_type != MISSION {
+        if count.mission_type != self.kind {
             return refuse(if total == 0 {
                 MavMissionResult::MAV_MISSION_ACCEPTED
             } else {
@@ -180,7 +202,7 @@ impl Server {
             return refuse(MavMissionResult::MAV_MISSION_DENIED);
         }
         if total == 0 {
-            return self.clear(from, MISSION);
+            return self.clear(from, self.kind);
         }
         self.receiving = Some(Receiving {
             client: from,
@@ -188,7 +210,7 @@ impl Server {
             items: Vec::with_capacity(total),
             retry: item_retry(now),
         });
-        Step::send(request(from, 0))
+        Step::send(self.request(from, 0))
     }
 
     fn received(
@@ -197,15 +219,16 @@ impl Server {
         from: Address,
         (mission_type, seq, item): (MavMissionType, u16, Result<MissionItem, ItemError>),
     ) -> Step<MissionChange> {
+        let kind = self.kind;
         let Some(receiving) = &mut self.receiving else {
             let is_last = usize::from(seq) + 1 == self.items.len();
-            return if self.completed == Some(from) && mission_type == MISSION && is_last {
+            return if self.completed == Some(from) && mission_type == kind && is_last {
                 Step::send(self.accepted(from))
             } else {
                 Step::none()
             };
         };
-        if receiving.client != from || mission_type != MISSION {
+        if receiving.client != from || mission_type != kind {
             return Step::none();
         }
         // Out of turn: it is the answer to a question asked twice, or an item was lost on the way here.
@@ -222,21 +245,26 @@ impl Server {
             Ok(item) => receiving.items.push(item),
             Err(result) => {
                 self.receiving = None;
-                return Step::send(ack(from, result, MISSION));
+                return Step::send(ack(from, result, kind));
             }
         }
         if receiving.items.len() < receiving.total {
             receiving.retry = item_retry(now);
-            return Step::send(request(from, receiving.items.len()));
+            let next = receiving.items.len();
+            return Step::send(self.request(from, next));
         }
-        self.items = std::mem::take(&mut receiving.items);
+        let items = std::mem::take(&mut receiving.items);
         self.receiving = None;
+        if let Err(result) = (self.accept_all)(&items) {
+            return Step::send(ack(from, result, kind));
+        }
+        self.items = items;
         self.completed = Some(from);
         self.replaced(from)
     }
 
     fn accepted(&self, client: Address) -> Message {
-        let mut accepted = ack(client, MavMissionResult::MAV_MISSION_ACCEPTED, MISSION);
+        let mut accepted = ack(client, MavMissionResult::MAV_MISSION_ACCEPTED, self.kind);
         if let Message::MISSION_ACK(ack) = &mut accepted {
             ack.opaque_id = self.mission_id();
         }
@@ -254,10 +282,7 @@ impl Server {
     }
 
     fn clear(&mut self, from: Address, mission_type: MavMissionType) -> Step<MissionChange> {
-        let ours = matches!(
-            mission_type,
-            MavMissionType::MAV_MISSION_TYPE_MISSION | MavMissionType::MAV_MISSION_TYPE_ALL
-        );
+        let ours = [self.kind, MavMissionType::MAV_MISSION_TYPE_ALL].contains(&mission_type);
         if !ours {
             return Step::send(ack(
                 from,
@@ -291,30 +316,30 @@ impl Server {
         let Some(receiving) = &mut self.receiving else {
             return Step::none();
         };
-        let client = receiving.client;
+        let (client, next) = (receiving.client, receiving.items.len());
         match receiving.retry.check(now) {
             Due::Nothing => Step::none(),
-            Due::Again => Step::send(request(client, receiving.items.len())),
+            Due::Again => Step::send(self.request(client, next)),
             Due::GiveUp => {
                 self.receiving = None;
                 let result = MavMissionResult::MAV_MISSION_OPERATION_CANCELLED;
-                Step::send(ack(client, result, MISSION))
+                Step::send(ack(client, result, self.kind))
             }
         }
+    }
+
+    fn request(&self, to: Address, seq: usize) -> Message {
+        Message::MISSION_REQUEST_INT(MISSION_REQUEST_INT_DATA {
+            seq: seq as u16,
+            target_system: to.system.0,
+            target_component: to.component.0,
+            mission_type: self.kind,
+        })
     }
 }
 
 fn item_retry(now: Stamp) -> Retry {
     Retry::new(now, ITEM_TIMEOUT, RETRIES).with_patience(RESPONSE_TIMEOUT)
-}
-
-fn request(to: Address, seq: usize) -> Message {
-    Message::MISSION_REQUEST_INT(MISSION_REQUEST_INT_DATA {
-        seq: seq as u16,
-        target_system: to.system.0,
-        target_component: to.component.0,
-        mission_type: MISSION,
-    })
 }
 
 fn ack(to: Address, result: MavMissionResult, mission_type: MavMissionType) -> Message {

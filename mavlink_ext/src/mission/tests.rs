@@ -306,3 +306,48 @@ fn messages_for_another_vehicle_are_left_alone() {
         Step::none()
     );
 }
+
+#[test]
+fn a_server_of_fences_takes_fences_alone_and_refuses_one_that_makes_no_sense_as_a_whole() {
+    let fence = MavMissionType::MAV_MISSION_TYPE_FENCE;
+    let error = MavMissionResult::MAV_MISSION_ERROR;
+    let at_least_three: fn(&[MissionItem]) -> Result<(), MavMissionResult> =
+        |items| match items.len() {
+            3.. => Ok(()),
+            _ => Err(MavMissionResult::MAV_MISSION_ERROR),
+        };
+    let mut server = Server::of_kind(ROVER, fence, (|_| Ok(()), at_least_three));
+    let count = |count, mission_type| {
+        Message::MISSION_COUNT(MISSION_COUNT_DATA {
+            count,
+            target_system: ROVER.system.0,
+            target_component: ROVER.component.0,
+            mission_type,
+            ..MISSION_COUNT_DATA::default()
+        })
+    };
+    let mut upload = |items: &[MissionItem], kind| {
+        let mut step = server.handle(Stamp::ZERO, STATION, &count(items.len() as u16, kind));
+        for (seq, item) in items.iter().enumerate() {
+            let item = Message::MISSION_ITEM_INT(item.to_message(seq as u16, ROVER, kind));
+            step = server.handle(Stamp::ZERO, STATION, &item);
+        }
+        let Some(Message::MISSION_ACK(ack)) = step.send.last() else {
+            panic!("{:?}", step.send);
+        };
+        (ack.mavtype, ack.mission_type, server.items().len())
+    };
+    let accepted = MavMissionResult::MAV_MISSION_ACCEPTED;
+    assert_eq!(upload(&survey(4), fence), (accepted, fence, 4));
+    assert_eq!(
+        upload(&survey(2), fence),
+        (error, fence, 4),
+        "the old one stays"
+    );
+    let mission = MavMissionType::MAV_MISSION_TYPE_MISSION;
+    let refused = server.handle(Stamp::ZERO, STATION, &count(3, mission));
+    let [Message::MISSION_ACK(ack)] = refused.send.as_slice() else {
+        panic!("{:?}", refused.send);
+    };
+    assert_eq!(ack.mavtype, MavMissionResult::MAV_MISSION_UNSUPPORTED);
+}

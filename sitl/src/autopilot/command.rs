@@ -14,14 +14,20 @@ use mavlink_ext::mission::MissionFrame;
 use mavlink_ext::{Address, Message};
 
 use super::Autopilot;
+use super::arming::Checks;
 use super::guide::Goal;
 use super::guided::altitude_frame;
 use super::mode::{Kind, Mode};
+use super::power::Monitor;
 use super::streams::Stream;
 use super::telemetry::flight_information;
 
-/// Disarms in the air.
+/// Disarms in the air, and arms without the checks that can be done without.
 const FORCE: f32 = 21196.0;
+/// `ArduPilot`'s own number for arming so.
+const FORCE_ARMING: f32 = 2989.0;
+/// `MAV_CMD_BATTERY_RESET` of `ArduPilot`'s dialect: a mask of batteries, and what is left in percent.
+const BATTERY_RESET: u16 = 42_651;
 
 /// What both kinds of command say.
 struct Command {
@@ -104,6 +110,8 @@ impl Autopilot {
                 Ok(())
             }
             cmd::DO_SET_HOME => self.set_home(command),
+            cmd::DO_FENCE_ENABLE => denied_unless(self.switch_fence(first, second)),
+            BATTERY_RESET => denied_unless(self.replace_battery(first, second)),
             cmd::MISSION_START => self.start_mission(first),
             cmd::DO_SET_MISSION_CURRENT => {
                 denied_unless(first >= 0.0 && self.set_mission_current(first as usize))
@@ -126,7 +134,15 @@ impl Autopilot {
 
     fn arm_or_disarm(&mut self, now: Stamp, [arm, force, ..]: [f32; 4]) -> Outcome {
         if arm > 0.5 {
-            return done(self.arm(now));
+            let forced = [FORCE, FORCE_ARMING]
+                .iter()
+                .any(|magic| (force - magic).abs() < 0.5);
+            let checks = if forced {
+                Checks::Mandatory
+            } else {
+                Checks::Wanted
+            };
+            return done(self.arm(now, checks));
         }
         if !self.on_ground() && (force - FORCE).abs() > 0.5 {
             return FAILED;
@@ -135,11 +151,15 @@ impl Autopilot {
         Ok(())
     }
 
-    fn run_checks(&mut self, now: Stamp) {
-        for failure in self.prearm_failures(now) {
-            let severity = MavSeverity::MAV_SEVERITY_CRITICAL;
-            self.say(severity, &format!("PreArm: {failure}"));
+    /// Of the first battery, the only one there is.
+    fn replace_battery(&mut self, mask: f32, percent: f32) -> bool {
+        let ours = mask >= 0.0 && mask as u32 & 1 != 0;
+        let possible = ours && (0.0..=100.0).contains(&percent);
+        if possible {
+            self.battery.replace(f64::from(percent) / 100.0);
+            self.failsafe.battery = Monitor::default();
         }
+        possible
     }
 
     /// To a height above home, from the ground.
@@ -190,9 +210,7 @@ impl Autopilot {
         if !command.z.is_finite() {
             to.raw.z = self.estimate.position().raw.z;
         }
-        self.guided.velocity = None;
-        self.go_to(to);
-        Ok(())
+        done(self.go_to(to))
     }
 
     /// Parameter 1: here.

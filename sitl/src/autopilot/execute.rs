@@ -18,6 +18,7 @@ use mavlink_ext::dialect::tandem::{MISSION_ITEM_REACHED_DATA, MavSeverity};
 use mavlink_ext::mission::{MissionFrame, MissionItem};
 
 use super::Autopilot;
+use super::fence::Parts;
 use super::guide::Goal;
 use super::mode::{Kind, Mode};
 use super::parameters::Parameter;
@@ -302,9 +303,33 @@ impl Autopilot {
                 self.change_speed(item.params[1]);
             }
             cmd::DO_SET_REVERSE => self.reverse = item.params[0] > 0.5,
+            cmd::DO_FENCE_ENABLE => {
+                self.switch_fence(item.params[0], 0.0);
+            }
             // There is no camera to trigger: the recording has every frame.
             _ => {}
         }
+    }
+
+    /// 1: the fence is on, 0: it is off; the second number says which parts, 0 for all.
+    pub(super) fn switch_fence(&mut self, on: f32, parts: f32) -> bool {
+        let (on, word) = match on {
+            on if on.abs() < 0.5 => (false, "disabled"),
+            on if (on - 1.0).abs() < 0.5 => (true, "enabled"),
+            _ => return false, // 2 is the floor of a fence, which these vehicles do not have.
+        };
+        let parts = if parts > 0.5 {
+            Parts::from_bits(parts as u32)
+        } else {
+            Parts::ALL
+        };
+        let settings = self.fence_settings();
+        let changed = self.fence.switch(&settings, on, parts);
+        if !changed.is_empty() {
+            let text = format!("{} {word}", changed.names());
+            self.say(MavSeverity::MAV_SEVERITY_NOTICE, &text);
+        }
+        true
     }
 
     /// A speed in m/s, if it is one; the default again if it is not positive.

@@ -70,7 +70,8 @@ impl Autopilot {
             Goal::Hover(to) | Goal::TakeOff(to) => self.approach(to),
             Goal::Land(above) => {
                 let mut velocity = self.approach(Point::new(above.raw.x, above.raw.y, here.raw.z));
-                velocity.raw.z = -self.landing_speed();
+                let pauses = self.failsafe.pause_until.is_some_and(|until| now < until);
+                velocity.raw.z = if pauses { 0.0 } else { -self.landing_speed() };
                 velocity
             }
             Goal::Stay | Goal::Drive { .. } => Vector::new(0.0, 0.0, 0.0),

@@ -45,7 +45,6 @@ impl Autopilot {
         let no_velocity =
             Mask::POSITION_TARGET_TYPEMASK_VX_IGNORE | Mask::POSITION_TARGET_TYPEMASK_VY_IGNORE;
         if !mask.intersects(no_position) && position.is_finite() {
-            self.guided.velocity = None;
             self.go_to(position);
         } else if !mask.intersects(no_velocity) && velocity.norm().is_finite() {
             self.guided.velocity = Some((velocity, now));
@@ -58,8 +57,15 @@ impl Autopilot {
         self.guided.heading_rad = told.then(|| std::f64::consts::FRAC_PI_2 - f64::from(yaw));
     }
 
-    /// Makes a place the goal.
-    pub(super) fn go_to(&mut self, to: Point<World>) {
+    /// Makes a place the goal. False, silently as on `ArduPilot`, if a copter's fence is in the way.
+    pub(super) fn go_to(&mut self, to: Point<World>) -> bool {
+        let settings = self.fence_settings();
+        let place = self.seen_by_fence(to);
+        let allowed = place.is_none_or(|place| self.fence.allows(&settings, &place));
+        if self.kind == Kind::Copter && !allowed {
+            return false;
+        }
+        self.guided.velocity = None;
         self.goal = match self.kind {
             Kind::Copter => Goal::Hover(to),
             Kind::Rover => Goal::Drive {
@@ -67,6 +73,7 @@ impl Autopilot {
                 items: Vec::new(),
             },
         };
+        true
     }
 }
 

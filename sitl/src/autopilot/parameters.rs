@@ -46,33 +46,82 @@ struct Row {
 
 parameters! {
     /// Largest tilt of a copter, in hundredths of a degree.
-    AngleMax = "ANGLE_MAX", INT16, Some(Kind::Copter), 3000.0, 1000.0..=4500.0;
-    /// 1: arming is refused while a check fails; 0: no checks.
-    ArmingCheck = "ARMING_CHECK", INT32, None, 1.0, 0.0..=1.0;
+    AngleMax = "ANGLE_MAX", INT16, Some(Kind::Copter), 3000.0, 0.0..=9000.0;
+    /// Which checks arming waits for: 1 all, 0 those alone that cannot be done without, else a sum of `ArduPilot`'s bits, of which
+    /// 8 (positions), 32 (parameters), 128 and 256 (battery) and 16384 (mission) count here.
+    ArmingCheck = "ARMING_CHECK", INT32, None, 1.0, 0.0..=1_048_575.0;
+    /// Which items a mission must have before arming: 1 a landing, 8 a take-off, 64 a return, or a sum of them.
+    ArmingItems = "ARMING_MIS_ITEMS", INT32, None, 0.0, 0.0..=127.0;
     /// Steady gain of speed of a rover, m/s².
     Acceleration = "ATC_ACCEL_MAX", REAL, Some(Kind::Rover), 0.6, 0.1..=5.0;
     /// Loss of speed of a rover, m/s².
     Braking = "ATC_DECEL_MAX", REAL, Some(Kind::Rover), 0.5, 0.1..=5.0;
+    /// 1: a copter may be armed in AUTO.
+    AutoOptions = "AUTO_OPTIONS", INT32, Some(Kind::Copter), 0.0, 0.0..=1.0;
+    /// Charge that it takes to arm, mAh; 0 any.
+    BatteryToArm = "BATT_ARM_MAH", INT32, None, 0.0, 0.0..=100_000.0;
+    /// Voltage that it takes to arm, V; 0 any.
+    BatteryToArmVolt = "BATT_ARM_VOLT", REAL, None, 0.0, 0.0..=120.0;
     /// Charge of a full battery, mAh.
     BatteryCapacity = "BATT_CAPACITY", INT32, None, 5200.0, 100.0..=100_000.0;
-    /// What a low battery does: 0 warns, 1 lands (a rover holds), 2 returns.
-    BatteryAction = "BATT_FS_LOW_ACT", INT8, None, 0.0, 0.0..=2.0;
-    /// Charge below which the battery is low, mAh. Below it a vehicle does not arm.
+    /// Charge below which the battery is critical, mAh; 0 never.
+    BatteryCritical = "BATT_CRT_MAH", REAL, None, 0.0, 0.0..=100_000.0;
+    /// Voltage below which the battery is critical, V; 0 never.
+    BatteryCriticalVolt = "BATT_CRT_VOLT", REAL, None, 0.0, 0.0..=120.0;
+    /// What a critical battery does: as `BATT_FS_LOW_ACT`.
+    BatteryCriticalAction = "BATT_FS_CRT_ACT", INT8, None, 0.0, 0.0..=7.0;
+    /// What a low battery does: 0 warns. Copter: 1 lands, 2 to 4 and 6 return or land, 5 stops the motors, 7 brakes. Rover: 1 and 3
+    /// return, 2 and 4 hold, 5 disarms.
+    BatteryAction = "BATT_FS_LOW_ACT", INT8, None, 0.0, 0.0..=7.0;
+    /// Charge below which the battery is low, mAh; 0 never. Below it a vehicle does not arm.
     BatteryLow = "BATT_LOW_MAH", REAL, None, 700.0, 0.0..=100_000.0;
+    /// How long a voltage has to be too low before it counts, s; 0: voltages never count.
+    BatteryTimer = "BATT_LOW_TIMER", INT8, None, 10.0, 0.0..=120.0;
+    /// Voltage below which the battery is low, V; 0 never. Below it a vehicle does not arm.
+    BatteryLowVolt = "BATT_LOW_VOLT", REAL, None, 10.5, 0.0..=120.0;
     /// Speed of a rover where nothing else is said, m/s.
     CruiseSpeed = "CRUISE_SPEED", REAL, Some(Kind::Rover), 0.5, 0.05..=1.5;
     /// A copter disarms this long after it stands on the ground without wanting to fly, s; 0 never.
     DisarmDelay = "DISARM_DELAY", INT8, Some(Kind::Copter), 10.0, 0.0..=127.0;
-    /// What silence of the ground station does: 0 goes on and warns, 1 returns, 2 lands (a rover holds).
-    GroundStationAction = "FS_GCS_ENABLE", INT8, None, 0.0, 0.0..=2.0;
+    /// What a breach of the fence does: 0 tells. Copter: 1 and 3 return, 2 and 5 land, 4 brakes. Rover: 1 and 3 return, 2 and 4 hold,
+    /// 5 disarms.
+    FenceAction = "FENCE_ACTION", INT8, None, 1.0, 0.0..=5.0;
+    /// Height above home that a copter has to stay below, m.
+    FenceCeiling = "FENCE_ALT_MAX", REAL, Some(Kind::Copter), 100.0, -1.0..=1000.0;
+    /// 1: the fence is on.
+    FenceEnable = "FENCE_ENABLE", INT8, None, 0.0, 0.0..=1.0;
+    /// Distance that a return keeps from the ceiling, m.
+    FenceMargin = "FENCE_MARGIN", REAL, None, 2.0, -1.0..=100.0;
+    /// Distance from home to stay within, m.
+    FenceRadius = "FENCE_RADIUS", REAL, None, 300.0, -1.0..=10_000.0;
+    /// What a copter's fence consists of: a sum of 1 (ceiling), 2 (circle about home), 4 (uploaded polygons and circles).
+    CopterFenceType = "FENCE_TYPE", INT8, Some(Kind::Copter), 7.0, 0.0..=7.0;
+    /// What a rover's fence consists of: as a copter's, without a ceiling.
+    RoverFenceType = "FENCE_TYPE", INT8, Some(Kind::Rover), 6.0, 0.0..=6.0;
+    /// What a rover does when the ground station is silent: 0 tells, 1 and 3 return, 2 and 4 hold, 5 disarms.
+    RoverFailsafeAction = "FS_ACTION", INT8, Some(Kind::Rover), 2.0, 0.0..=5.0;
+    /// What silence of the ground station does: 0 nothing. Copter: 1 to 4 and 6 return or land, 5 lands, 7 brakes. Rover: 1 does as
+    /// `FS_ACTION` says, 2 too, but not in AUTO.
+    GroundStationAction = "FS_GCS_ENABLE", INT8, None, 0.0, 0.0..=7.0;
     /// How long the ground station may be silent, s.
     GroundStationTimeout = "FS_GCS_TIMEOUT", REAL, None, 5.0, 2.0..=120.0;
+    /// In what a copter goes on although the ground station is silent: a sum of 2 (AUTO), 8 (landing, also with a low battery), 16
+    /// (modes that a pilot steers).
+    CopterFailsafeOptions = "FS_OPTIONS", INT32, Some(Kind::Copter), 16.0, 0.0..=31.0;
+    /// 1: a rover that holds does as `FS_ACTION` says, too.
+    RoverFailsafeOptions = "FS_OPTIONS", INT32, Some(Kind::Rover), 0.0, 0.0..=1.0;
+    /// How long a rover waits after it has noticed the silence, s.
+    RoverFailsafeTimeout = "FS_TIMEOUT", REAL, Some(Kind::Rover), 1.5, 1.0..=100.0;
+    /// Dilution of precision above which a copter does not arm where it needs a position, in hundredths.
+    DilutionGood = "GPS_HDOP_GOOD", INT16, Some(Kind::Copter), 140.0, 10.0..=900.0;
     /// How fast a copter comes down to land, cm/s.
     LandSpeed = "LAND_SPEED", INT16, Some(Kind::Copter), 40.0, 20.0..=200.0;
     /// How far ahead on its path a rover steers, m.
     LookAhead = "PP_LOOKAHEAD", REAL, Some(Kind::Rover), 0.3, 0.1..=5.0;
     /// Height above home at which a copter returns, cm; it never descends to return.
     ReturnHeight = "RTL_ALT", INT32, Some(Kind::Copter), 200.0, 50.0..=30_000.0;
+    /// What the battery monitor reads, V; 0: what the battery gives.
+    BatteryVoltage = "SIM_BATT_VOLTAGE", REAL, None, 0.0, 0.0..=120.0;
     /// 1: the receiver has no fix, a test of what depends on one.
     GpsDisable = "SIM_GPS_DISABLE", INT8, None, 0.0, 0.0..=1.0;
     /// Where the wind comes from, degrees from north.
@@ -140,6 +189,11 @@ impl Parameters {
             |&(_, value)| value,
         );
         f64::from(value)
+    }
+
+    /// A sum of bits.
+    pub fn bits(&self, parameter: Parameter) -> u32 {
+        self.get(parameter) as u32
     }
 
     /// Whether a parameter that is a switch is on.

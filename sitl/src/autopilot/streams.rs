@@ -25,6 +25,7 @@ pub(super) enum Stream {
     SystemTime,
     Home,
     Navigation,
+    Fence,
 }
 
 struct Row {
@@ -43,7 +44,7 @@ const fn row(stream: Stream, id: u32, rate: Parameter, group: MavDataStream) -> 
     }
 }
 
-const TABLE: [Row; 12] = [
+const TABLE: [Row; 13] = [
     row(
         Stream::Attitude,
         30,
@@ -113,6 +114,12 @@ const TABLE: [Row; 12] = [
     row(
         Stream::Navigation,
         62,
+        Parameter::StatusRate,
+        MavDataStream::MAV_DATA_STREAM_EXTENDED_STATUS,
+    ),
+    row(
+        Stream::Fence,
+        162,
         Parameter::StatusRate,
         MavDataStream::MAV_DATA_STREAM_EXTENDED_STATUS,
     ),

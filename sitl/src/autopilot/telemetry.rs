@@ -5,16 +5,20 @@ use mavlink_ext::Message;
 use mavlink_ext::convert::{attitude_to_ned, deg_to_e7, to_frd, to_ned};
 use mavlink_ext::dialect::tandem::{
     ATTITUDE_DATA, AUTOPILOT_VERSION_DATA, BATTERY_STATUS_DATA, EXTENDED_SYS_STATE_DATA,
-    FLIGHT_INFORMATION_DATA, GLOBAL_POSITION_INT_DATA, GPS_GLOBAL_ORIGIN_DATA, GPS_RAW_INT_DATA,
-    GpsFixType, HEARTBEAT_DATA, HOME_POSITION_DATA, LOCAL_POSITION_NED_DATA, MISSION_CURRENT_DATA,
-    MavAutopilot, MavBatteryFunction, MavBatteryType, MavLandedState, MavModeFlag,
+    FENCE_STATUS_DATA, FLIGHT_INFORMATION_DATA, FenceBreach, FenceMitigate,
+    GLOBAL_POSITION_INT_DATA, GPS_GLOBAL_ORIGIN_DATA, GPS_RAW_INT_DATA, GpsFixType, HEARTBEAT_DATA,
+    HOME_POSITION_DATA, LOCAL_POSITION_NED_DATA, MISSION_CURRENT_DATA, MavAutopilot,
+    MavBatteryChargeState, MavBatteryFunction, MavBatteryType, MavLandedState, MavModeFlag,
     MavProtocolCapability as Can, MavState, MavSysStatusSensor as Sensor, MavType, MavVtolState,
     MissionState, NAV_CONTROLLER_OUTPUT_DATA, SYS_STATUS_DATA, SYSTEM_TIME_DATA, VFR_HUD_DATA,
 };
 
+use super::arming::DILUTION;
+use super::fence::Parts;
 use super::guide::Goal;
 use super::mode::{Kind, Mode};
 use super::parameters::Parameter;
+use super::power::Charge;
 use super::streams::Stream;
 use super::{Autopilot, execute};
 
@@ -40,6 +44,7 @@ impl Autopilot {
             }),
             Stream::Home => return self.home_position(),
             Stream::Navigation => self.navigation(),
+            Stream::Fence => return self.fence_status(),
         })
     }
 
@@ -56,10 +61,10 @@ impl Autopilot {
         if self.armed {
             base_mode |= MavModeFlag::MAV_MODE_FLAG_SAFETY_ARMED;
         }
-        let system_status = match (self.failsafe.is_active(), self.armed) {
-            (true, true) => MavState::MAV_STATE_CRITICAL,
+        let system_status = match (self.failsafe_active(), self.armed) {
+            (true, _) => MavState::MAV_STATE_CRITICAL,
             (false, true) => MavState::MAV_STATE_ACTIVE,
-            (_, false) => MavState::MAV_STATE_STANDBY,
+            (false, false) => MavState::MAV_STATE_STANDBY,
         };
         Message::HEARTBEAT(HEARTBEAT_DATA {
             custom_mode: self.mode.number(self.kind),
@@ -129,7 +134,7 @@ impl Autopilot {
             lat: deg_to_e7(place.lat_deg),
             lon: deg_to_e7(place.lon_deg),
             alt: millimetres(place.alt_m),
-            eph: if fix { 60 } else { u16::MAX },
+            eph: if fix { DILUTION } else { u16::MAX },
             epv: if fix { 90 } else { u16::MAX },
             vel: (self.ground_speed() * 100.0).round() as u16,
             cog: u16::MAX,
@@ -161,7 +166,7 @@ impl Autopilot {
 
     /// Sensors that it has and that work; the bit of the checks before arming tells whether it can be armed.
     fn system_status(&self, now: Stamp) -> Message {
-        let present = Sensor::MAV_SYS_STATUS_SENSOR_3D_GYRO
+        let mut present = Sensor::MAV_SYS_STATUS_SENSOR_3D_GYRO
             | Sensor::MAV_SYS_STATUS_SENSOR_3D_ACCEL
             | Sensor::MAV_SYS_STATUS_SENSOR_3D_MAG
             | Sensor::MAV_SYS_STATUS_SENSOR_ABSOLUTE_PRESSURE
@@ -174,8 +179,26 @@ impl Autopilot {
             | Sensor::MAV_SYS_STATUS_AHRS
             | Sensor::MAV_SYS_STATUS_SENSOR_BATTERY
             | Sensor::MAV_SYS_STATUS_PREARM_CHECK;
+        let mut enabled = present;
+        let settings = self.fence_settings();
+        let fenced = !self.fence.present(&settings).is_empty();
+        if fenced {
+            present |= Sensor::MAV_SYS_STATUS_GEOFENCE;
+        }
+        if fenced && self.fence.is_on() && self.parameters.bits(Parameter::FenceAction) != 0 {
+            enabled |= Sensor::MAV_SYS_STATUS_GEOFENCE;
+        }
+        if self.parameters.bits(Parameter::ArmingCheck) == 0 {
+            enabled -= Sensor::MAV_SYS_STATUS_PREARM_CHECK;
+        }
         // A vehicle without a fence is within it, as on ArduPilot.
         let mut health = present | Sensor::MAV_SYS_STATUS_GEOFENCE;
+        if fenced && !self.fence.breached().is_empty() {
+            health -= Sensor::MAV_SYS_STATUS_GEOFENCE;
+        }
+        if self.failsafe.battery.noticed() > Charge::Enough {
+            health -= Sensor::MAV_SYS_STATUS_SENSOR_BATTERY;
+        }
         if !self.has_fix(now) {
             health -= Sensor::MAV_SYS_STATUS_SENSOR_GPS | Sensor::MAV_SYS_STATUS_AHRS;
         }
@@ -184,10 +207,10 @@ impl Autopilot {
         }
         Message::SYS_STATUS(SYS_STATUS_DATA {
             onboard_control_sensors_present: present,
-            onboard_control_sensors_enabled: present,
+            onboard_control_sensors_enabled: enabled,
             onboard_control_sensors_health: health,
             load: 100,
-            voltage_battery: (self.battery.voltage_v() * 1000.0) as u16,
+            voltage_battery: (self.battery_reading().voltage_v * 1000.0) as u16,
             current_battery: (self.battery.current_a() * 100.0) as i16,
             battery_remaining: (self.battery.share() * 100.0).round() as i8,
             ..SYS_STATUS_DATA::default()
@@ -196,7 +219,7 @@ impl Autopilot {
 
     fn battery_status(&self) -> Message {
         let mut voltages = [u16::MAX; 10];
-        voltages[0] = (self.battery.voltage_v() * 1000.0) as u16;
+        voltages[0] = (self.battery_reading().voltage_v * 1000.0) as u16;
         Message::BATTERY_STATUS(BATTERY_STATUS_DATA {
             current_consumed: self.battery.used_mah() as i32,
             energy_consumed: -1,
@@ -206,7 +229,35 @@ impl Autopilot {
             battery_function: MavBatteryFunction::MAV_BATTERY_FUNCTION_ALL,
             mavtype: MavBatteryType::MAV_BATTERY_TYPE_LIPO,
             battery_remaining: (self.battery.share() * 100.0).round() as i8,
+            charge_state: match self.failsafe.battery.noticed() {
+                Charge::Enough => MavBatteryChargeState::MAV_BATTERY_CHARGE_STATE_OK,
+                Charge::Low => MavBatteryChargeState::MAV_BATTERY_CHARGE_STATE_LOW,
+                Charge::Critical => MavBatteryChargeState::MAV_BATTERY_CHARGE_STATE_CRITICAL,
+            },
             ..BATTERY_STATUS_DATA::default()
+        })
+    }
+
+    /// Only while a fence is on.
+    pub(super) fn fence_status(&self) -> Option<Message> {
+        let breached = self.fence.breached();
+        let (count, at) = self.fence.history();
+        let level = Parts::CIRCLE.with(Parts::ZONES);
+        let breach_type = if breached.has(level) {
+            FenceBreach::FENCE_BREACH_BOUNDARY
+        } else if breached.has(Parts::CEILING) {
+            FenceBreach::FENCE_BREACH_MAXALT
+        } else {
+            FenceBreach::FENCE_BREACH_NONE
+        };
+        self.fence.is_on().then(|| {
+            Message::FENCE_STATUS(FENCE_STATUS_DATA {
+                breach_time: boot_ms(at),
+                breach_count: count,
+                breach_status: u8::from(!breached.is_empty()),
+                breach_type,
+                breach_mitigation: FenceMitigate::FENCE_MITIGATE_UNKNOWN,
+            })
         })
     }
 
@@ -297,6 +348,7 @@ impl Autopilot {
         Message::AUTOPILOT_VERSION(AUTOPILOT_VERSION_DATA {
             capabilities: Can::MAV_PROTOCOL_CAPABILITY_MISSION_FLOAT
                 | Can::MAV_PROTOCOL_CAPABILITY_MISSION_INT
+                | Can::MAV_PROTOCOL_CAPABILITY_MISSION_FENCE
                 | Can::MAV_PROTOCOL_CAPABILITY_COMMAND_INT
                 | Can::MAV_PROTOCOL_CAPABILITY_PARAM_ENCODE_C_CAST
                 | Can::MAV_PROTOCOL_CAPABILITY_SET_POSITION_TARGET_LOCAL_NED
@@ -325,7 +377,7 @@ impl Autopilot {
 
     /// Whether a failsafe has struck and its cause still lasts.
     pub fn failsafe_active(&self) -> bool {
-        self.failsafe.is_active()
+        self.failsafe.is_active(self.kind)
     }
 
     /// A parameter's value.

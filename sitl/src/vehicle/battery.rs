@@ -38,6 +38,11 @@ impl Battery {
         self.used_mah = (self.used_mah + current_a * dt / 3.6).min(self.capacity_mah);
     }
 
+    /// Another one is put in, with that share of its charge left, 0 to 1.
+    pub fn replace(&mut self, share: f64) {
+        self.used_mah = (1.0 - share.clamp(0.0, 1.0)) * self.capacity_mah;
+    }
+
     /// What is left, 0 to 1.
     pub fn share(&self) -> f64 {
         1.0 - self.used_mah / self.capacity_mah

@@ -18,7 +18,8 @@ use rand_pcg::Pcg64;
 use super::gnss::gaussian;
 use super::{Motion, towards, wrapped};
 
-const GRAVITY: f64 = 9.806_65;
+/// Standard gravity, in m/s².
+pub(crate) const GRAVITY: f64 = 9.806_65;
 /// How long attitude and thrust take to follow, in seconds.
 const LAG_S: f64 = 0.15;
 /// Drag per mass, in 1/s.

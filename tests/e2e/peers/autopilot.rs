@@ -9,7 +9,7 @@ use super::{free_port, python, start_vehicle, stop};
 /// Runs `tests/peers/SCRIPT USE` against a simulated vehicle; returns what it prints. The address is as the script's library
 /// writes it.
 #[track_caller]
-fn use_vehicle(script: &str, what: &[&str], address: &str, options: &[&str]) -> String {
+pub(super) fn use_vehicle(script: &str, what: &[&str], address: &str, options: &[&str]) -> String {
     let folder = tempfile::tempdir().expect("a folder for the log");
     let port = free_port();
     let sitl = start_vehicle(port, options, &folder.path().join("sitl.log"));
@@ -22,18 +22,33 @@ fn use_vehicle(script: &str, what: &[&str], address: &str, options: &[&str]) -> 
 }
 
 const MAVSDK: &str = "udpin://127.0.0.1";
-const OTHERS: &str = "udpin:127.0.0.1";
+pub(super) const OTHERS: &str = "udpin:127.0.0.1";
 
-#[test]
-fn mavsdk_arms_the_simulated_copter_and_reads_back_its_mission() {
-    let told = use_vehicle("mavsdk_mission.py", &[], MAVSDK, &["--copter"]);
-    assert!(told.contains("read back and equal\narmed\n"), "{told}");
+/// Uploads a mission with MAVSDK, reads it back and flies or drives it to its end.
+#[track_caller]
+fn check_mission_with_mavsdk(vehicle: &str) {
+    let told = use_vehicle("mavsdk_mission.py", &["--fly", "90"], MAVSDK, &[vehicle]);
+    assert!(
+        told.ends_with("read back and equal\narmed\nmission done\n"),
+        "{told}"
+    );
+    let complaints = ["error", "fail", "warn", "timeout"];
+    let is_complaint = |line: &&str| {
+        complaints
+            .iter()
+            .any(|word| line.to_lowercase().contains(word))
+    };
+    assert_eq!(told.lines().find(is_complaint), None, "{told}");
 }
 
 #[test]
-fn mavsdk_arms_the_simulated_rover_and_reads_back_its_mission() {
-    let told = use_vehicle("mavsdk_mission.py", &[], MAVSDK, &["--rover"]);
-    assert!(told.contains("read back and equal\narmed\n"), "{told}");
+fn mavsdk_flies_a_mission_on_the_simulated_copter_without_an_error_line() {
+    check_mission_with_mavsdk("--copter");
+}
+
+#[test]
+fn mavsdk_drives_a_mission_on_the_simulated_rover_without_an_error_line() {
+    check_mission_with_mavsdk("--rover");
 }
 
 #[test]
@@ -57,7 +72,7 @@ fn pymavlink_lists_reads_and_sets_parameters() {
         OTHERS,
         &["--copter"],
     );
-    let expected = "23 parameters listed\ntwo set and read back\nunknown names unanswered\n\
+    let expected = "41 parameters listed\ntwo set and read back\nunknown names unanswered\n\
                     nothing else changed\n";
     assert_eq!(told, expected);
 }
@@ -70,7 +85,7 @@ fn mavsdk_gets_and_sets_parameters_of_both_types() {
         MAVSDK,
         &["--copter"],
     );
-    let expected = "14 of whole numbers, 9 of any\nset\nrefused\nread back by another\n";
+    let expected = "24 of whole numbers, 17 of any\nset\nrefused\nread back by another\n";
     assert_eq!(told, expected);
 }
 
@@ -167,7 +182,7 @@ fn mavsdk_sees_where_the_rover_stands_and_that_it_is_well() {
 #[test]
 fn mavproxy_loads_parameters_and_a_mission_without_a_complaint() {
     let folder = tempfile::tempdir().expect("a folder for the logs");
-    for (vehicle, parameters) in [("--copter", 23), ("--rover", 18)] {
+    for (vehicle, parameters) in [("--copter", 41), ("--rover", 35)] {
         let port = free_port();
         let sitl = start_vehicle(port, &[vehicle], &folder.path().join("sitl.log"));
         let told = mavproxy(port, folder.path(), "autopilot");
@@ -175,6 +190,21 @@ fn mavproxy_loads_parameters_and_a_mission_without_a_complaint() {
         let loaded = format!("{parameters} parameters");
         assert!(told.contains(&loaded), "{vehicle}: {told}");
         assert!(told.contains("mission of 3 items"), "{vehicle}: {told}");
+        stop(sitl);
+    }
+}
+
+#[test]
+fn mavproxy_flies_a_mission_on_both_vehicles_without_a_complaint() {
+    let folder = tempfile::tempdir().expect("a folder for the logs");
+    for vehicle in ["--copter", "--rover"] {
+        let port = free_port();
+        let sitl = start_vehicle(port, &[vehicle], &folder.path().join("sitl.log"));
+        let told = mavproxy(port, folder.path(), "mission");
+        assert!(
+            told.ends_with("mission flown\nfence of 4 items\n"),
+            "{vehicle}: {told}"
+        );
         stop(sitl);
     }
 }

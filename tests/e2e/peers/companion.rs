@@ -91,7 +91,7 @@ fn mavproxy_hears_a_companion_without_an_autopilot() {
 fn mavproxy_uses_the_autopilot_behind_the_companion_without_a_complaint() {
     let on_board = OnBoard::start(true);
     let told = mavproxy(on_board.ground, on_board.folder(), "both");
-    let expected = "companion heard\n23 parameters by file\nmission of 3 items\n\
+    let expected = "companion heard\n41 parameters by file\nmission of 3 items\n\
                     impossible mission refused\n";
     assert_eq!(told, expected);
     on_board.stop();
