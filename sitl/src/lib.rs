@@ -16,8 +16,8 @@
 //! Of the maps it uses only frames, time and the camera: truth shares no code with estimates.
 
 pub mod autopilot;
-pub mod dataset;
 pub mod bridge;
+pub mod dataset;
 pub mod depth_camera;
 pub mod flight;
 pub mod lidar;

@@ -14,9 +14,9 @@ use std::time::{Duration, Instant};
 use anyhow::Context as _;
 use clap::{Args, Parser, Subcommand};
 use maps::time::Stamp;
+use sitl::bridge;
 use sitl::dataset;
 use sitl::link::Profile;
-use sitl::bridge;
 use sitl::poster::{Canvas, poster};
 use sitl::rig::Setup;
 use sitl::run::{QUEUE, Settings, run};
@@ -75,7 +75,11 @@ struct RunArgs {
     /// Records what all sensors say, with the truth, as ROS 2 messages in an MCAP file: 30 MB a second in a street.
     #[arg(long, value_name = "FILE")]
     record: Option<PathBuf>,
-    /// Which sensors are recorded, such as uav,ugv/lidar. Default: all of uav and ugv, in the room of uav.
+    /// Publishes what all sensors say as ROS 2 messages over Zenoh, in real time: tcp/HOST:PORT of a router, or
+    /// listen:tcp/HOST:PORT to be one.
+    #[arg(long, value_name = "ENDPOINT")]
+    zenoh: Option<String>,
+    /// Which sensors are recorded and published, such as uav,ugv/lidar. Default: all of uav and ugv, in the room of uav.
     #[arg(long, value_name = "SENSOR", value_delimiter = ',')]
     aboard: Vec<String>,
     /// Records which thing and which class each pixel of the drone's camera shows, too.
@@ -192,7 +196,7 @@ fn execute() -> anyhow::Result<()> {
 }
 
 fn start_log(level: &str) {
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new(level));
+    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new(format!("{level},zenoh=warn")));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
@@ -219,14 +223,7 @@ fn draw_poster(args: &PosterArgs) -> anyhow::Result<()> {
 }
 
 fn execute_run(args: RunArgs) -> anyhow::Result<()> {
-    let level = if args.headless { "warn" } else { "info" };
-    let filter = EnvFilter::try_from_default_env()
-        .unwrap_or_else(|_unset| EnvFilter::new(format!("{level},zenoh=warn")));
-    tracing_subscriber::fmt()
-        .with_env_filter(filter)
-        .with_writer(std::io::stderr)
-        .with_ansi(std::io::stderr().is_terminal())
-        .init();
+    start_log(if args.headless { "warn" } else { "info" });
     let mut setup = Setup::new(args.scene, args.seed, args.origin);
     setup.clocks = args.clocks.models();
     setup.masks = args.masks;
@@ -238,10 +235,10 @@ fn execute_run(args: RunArgs) -> anyhow::Result<()> {
             .with_context(|| format!("cannot read {}", file.display()))?;
         setup.faults = text.parse().with_context(|| file.display().to_string())?;
     }
-    start_log(if args.headless { "warn" } else { "info" });
     let settings = Settings {
         setup,
         record: args.record,
+        zenoh: args.zenoh,
         duration: args.duration,
         copter: args.copter,
         rover: args.rover,
@@ -274,7 +271,7 @@ fn execute_run(args: RunArgs) -> anyhow::Result<()> {
     })?;
     if let Some(recording) = &report.recording {
         let messages: u64 = recording.messages.values().sum();
-        tracing::info!(messages, seconds = recording.seconds, file = %recording.file.display(), "recorded");
+        tracing::info!(messages, seconds = recording.seconds, "recorded");
     }
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! Recording what all sensors say, with the truth, as fast as the machine can draw it.
+//! What all sensors say, with the truth, in a file and over Zenoh.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -10,23 +10,27 @@ use maps::time::Stamp;
 use mavlink_ext::RawFrame;
 use sensors::mcap::{Topics, WriteError, Writer};
 use sensors::ros::mavlink::{MAVLINK, encode_frame};
+use sensors::zenoh::ZenohError;
 use serde::Serialize;
 
+use crate::live::Live;
 use crate::platform::Platform;
 use crate::rig::{Packet, Rig, RigError, Setup};
 use crate::scene::Scene;
 use crate::way::Way;
 
 /// How much simulated time is drawn between two questions whether to go on.
-const STEP: Duration = Duration::from_millis(100);
+const STEP: Duration = Duration::from_millis(20);
 
 /// What to record.
 #[derive(Clone, Debug)]
 pub struct Plan {
     /// The scene, its seed, and what is aboard.
     pub setup: Setup,
-    /// The file.
-    pub file: PathBuf,
+    /// The file, if there is to be one.
+    pub file: Option<PathBuf>,
+    /// Where to publish, as [`Live::open`] takes it, if it is to be published.
+    pub zenoh: Option<String>,
     /// How long.
     pub duration: Duration,
 }
@@ -68,8 +72,8 @@ impl Heard {
 /// What was recorded.
 #[derive(Clone, Debug, PartialEq, Serialize)]
 pub struct Recording {
-    /// The file.
-    pub file: PathBuf,
+    /// The file, if there is one.
+    pub file: Option<PathBuf>,
     /// How many pictures of the drone's camera.
     pub frames: u64,
     /// How many messages on each topic.
@@ -86,16 +90,19 @@ pub enum RecordError {
     /// The file cannot be written.
     #[error(transparent)]
     Write(#[from] WriteError),
+    /// Nothing can be published.
+    #[error(transparent)]
+    Zenoh(#[from] ZenohError),
     /// The sensors cannot be switched on.
     #[error(transparent)]
     Rig(#[from] RigError),
 }
 
-/// How far sensors look ahead of the moment that they measure: as far as speeds are taken from.
-const LOOK_AHEAD: Duration = Duration::from_millis(250);
+/// How far sensors look ahead of the moment at which they start to measure: a sweep, and what speeds are taken from.
+const LOOK_AHEAD: Duration = Duration::from_millis(120);
 
-/// Draws and writes everything that comes in, until the end or until `go_on` says no: it is asked every 0.1 s of
-/// simulated time and told how much has passed. A run that is followed is waited for, and its end is that of the recording.
+/// Draws, writes and publishes everything that comes in, until the end or until `go_on` says no: it is asked every 20 ms
+/// of simulated time and told how much has passed. A run that is followed is waited for, and its end is that of the recording.
 pub fn record(
     plan: &Plan,
     follow: Option<Follow>,
@@ -108,8 +115,14 @@ pub fn record(
     }
     let mut rig = Rig::new(&scene, setup, plan.duration)?;
     let topics = Topics::default();
-    let mut writer = Writer::create(&plan.file, &topics)?;
-    writer.describe("simulation", description(setup))?;
+    let mut writer = match &plan.file {
+        Some(file) => Some(Writer::create(file, &topics)?),
+        None => None,
+    };
+    if let Some(writer) = &mut writer {
+        writer.describe("simulation", description(setup))?;
+    }
+    let mut live = plan.zenoh.as_deref().map(Live::open).transpose()?;
     let mut messages: BTreeMap<String, u64> = BTreeMap::new();
     let mut waiting: Option<Packet> = None;
     let mut done = Duration::ZERO;
@@ -138,12 +151,20 @@ pub fn record(
             packets.sort_by_key(|packet| packet.logged);
         }
         for packet in packets {
-            writer.write(packet.logged, &packet.message())?;
+            let message = packet.message();
+            if let Some(live) = &mut live {
+                live.publish(&message)?;
+            }
+            if let Some(writer) = &mut writer {
+                writer.write(packet.logged, &message)?;
+            }
             *messages.entry(packet.topic).or_default() += 1;
         }
         done = next;
     }
-    writer.finish()?;
+    if let Some(writer) = writer {
+        writer.finish()?;
+    }
     Ok(Recording {
         file: plan.file.clone(),
         frames: messages.get(&topics.color).copied().unwrap_or(0),
@@ -171,6 +192,7 @@ fn description(setup: &Setup) -> BTreeMap<String, String> {
 
 #[cfg(test)]
 mod tests {
+    use std::path::Path;
     use std::sync::mpsc::channel;
 
     use maps::frame::Isometry;
@@ -189,9 +211,14 @@ mod tests {
     fn plan(setup: Setup, folder: &tempfile::TempDir, ms: u64) -> Plan {
         Plan {
             setup,
-            file: folder.path().join("run.mcap"),
+            file: Some(folder.path().join("run.mcap")),
+            zenoh: None,
             duration: Duration::from_millis(ms),
         }
+    }
+
+    fn file(plan: &Plan) -> &Path {
+        plan.file.as_deref().expect("a file")
     }
 
     fn setup(scene: Name, seed: u64) -> Setup {
@@ -205,7 +232,7 @@ mod tests {
         let plan = plan(setup(Name::Room, 4), &folder, 200);
         let recording = record(&plan, None, |_| true).expect("a file");
         assert_eq!((recording.frames, recording.stopped), (3, false));
-        let mut source = McapFile::open(&plan.file, Topics::default()).expect("our own file");
+        let mut source = McapFile::open(file(&plan), Topics::default()).expect("our own file");
         assert_eq!(source.camera(), d455());
         let truth: Vec<_> = source.truth().to_vec();
         assert_eq!(truth.len(), 3);
@@ -239,7 +266,7 @@ mod tests {
             pool.expect("threads")
                 .install(|| record(&plan, None, |_| true))
                 .expect("a file");
-            std::fs::read(&plan.file).expect("what was written")
+            std::fs::read(file(&plan)).expect("what was written")
         };
         for scene in [Name::Room, Name::UrbanArterial] {
             let once = bytes(scene, 1100, 1);
@@ -255,7 +282,7 @@ mod tests {
         let plan = plan(setup(Name::Room, 1), &folder, 100_000);
         let recording = record(&plan, None, |done| done.as_millis() < 200).expect("a file");
         assert_eq!((recording.frames, recording.stopped), (3, true));
-        let source = McapFile::open(&plan.file, Topics::default()).expect("finished");
+        let source = McapFile::open(file(&plan), Topics::default()).expect("finished");
         assert_eq!(source.frame_count(), Some(3));
     }
 
@@ -290,15 +317,15 @@ mod tests {
             frames,
         };
         let recording = record(&plan, Some(follow), |_| true).expect("a file");
-        // 0.8 s, of which the last quarter of a second cannot be looked ahead of.
+        // 0.8 s, of which the last 0.12 s cannot be looked ahead of.
         assert!(
-            (recording.seconds - 0.5).abs() < 1e-9,
+            (recording.seconds - 0.68).abs() < 1e-9,
             "{}",
             recording.seconds
         );
         assert!(!recording.stopped, "it ended with the run");
-        assert_eq!(recording.messages["/mavlink/rover"], 25);
-        let source = McapFile::open(&plan.file, Topics::default()).expect("our own file");
+        assert_eq!(recording.messages["/mavlink/rover"], 34);
+        let source = McapFile::open(file(&plan), Topics::default()).expect("our own file");
         let scene = Scene::generate(Name::ResidentialAlley, 1);
         let mount = crate::platform::body_from_uav_camera(&scene);
         for truth in source.truth() {
@@ -306,6 +333,6 @@ mod tests {
             let off = expected.translation.vector - truth.pose.translation.vector;
             assert!(off.norm() < 1e-9, "at {}", truth.at);
         }
-        assert_eq!(source.truth().len(), 8);
+        assert_eq!(source.truth().len(), 11);
     }
 }

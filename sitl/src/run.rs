@@ -39,6 +39,8 @@ pub struct Settings {
     pub setup: Setup,
     /// Where to record what sensors see.
     pub record: Option<PathBuf>,
+    /// Where to publish what sensors see, as [`crate::live::Live::open`] takes it.
+    pub zenoh: Option<String>,
     /// How long to run; without it until it is stopped.
     pub duration: Option<Duration>,
     /// Link of the copter's autopilot.
@@ -54,7 +56,12 @@ pub struct Settings {
 }
 
 impl Settings {
-    /// Whether anything has to keep step with real time.
+    /// Whether anybody is told what sensors see.
+    fn has_sensors(&self) -> bool {
+        self.record.is_some() || self.zenoh.is_some()
+    }
+
+    /// Whether vehicles move as their autopilots have them.
     pub fn has_links(&self) -> bool {
         self.copter.is_some() || self.rover.is_some()
     }
@@ -74,9 +81,8 @@ pub fn run(
     let mut party = Party::open(settings, inbox, &clock)?;
     let follow = settings.has_links().then(|| party.follow());
     let recorder = settings
-        .record
-        .as_ref()
-        .map(|file| Recorder::start(settings, file, follow, inbox))
+        .has_sensors()
+        .then(|| Recorder::start(settings, follow, inbox, clock.clone()))
         .transpose()?;
     if recorder.is_none() {
         party.forget();
@@ -94,7 +100,7 @@ pub fn run(
     }
     party.end();
     let recording = recorder
-        .map(|recorder| {
+        .map(|mut recorder| {
             if settings.has_links() {
                 tracing::info!(
                     "drawing what is left of the recording; stop once more to leave it out"
@@ -122,8 +128,8 @@ pub fn run(
 }
 
 fn check(settings: &Settings) -> anyhow::Result<()> {
-    if !settings.has_links() && settings.record.is_none() {
-        bail!("nothing to do: give --copter URI, --rover URI or --record FILE");
+    if !settings.has_links() && !settings.has_sensors() {
+        bail!("nothing to do: give --copter URI, --rover URI, --record FILE or --zenoh ENDPOINT");
     }
     for file in settings.record.iter().chain(&settings.report) {
         let folder = file.parent().unwrap_or(Path::new(""));

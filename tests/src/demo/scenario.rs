@@ -57,7 +57,9 @@ impl Scenario {
                 let mut command = Command::new(options.programs.join("sitl"));
                 command.args(["run", "--headless", "--aboard", "uav/camera"]);
                 command.args(["--scene", &scene.to_string(), "--seed", &seed.to_string()]);
-                command.args(["--duration", STREET_SECONDS, "--record"]).arg(&file);
+                command
+                    .args(["--duration", STREET_SECONDS, "--record"])
+                    .arg(&file);
                 let log = options.out.join("record.log");
                 Program::start("record", command, &log, options.show)?
                     .wait(Duration::from_mins(8))?;
