@@ -1,10 +1,16 @@
 # Two commands matter: `make demo` and `make test`. Both install what is missing first.
-.PHONY: demo test lint doc fuzz bench audit setup clean
+.PHONY: demo demo-recording test lint doc fuzz bench audit setup clean
 
 # One mission, end to end, into out/demo. DEMO="--help" shows its options.
 demo: setup
 	cargo build --release --locked --bins
 	target/release/demo $(DEMO)
+
+# The same on a real recording: people walking through an office, by the University of Bonn.
+RECORDING ?= ../shared/data/rgbd/bonn_crowd_a
+demo-recording: setup
+	cargo build --release --locked --bins
+	target/release/demo --recording $(RECORDING) $(DEMO)
 
 # Every test: unit, property, end to end and with real peers.
 test:

@@ -12,7 +12,7 @@ use tests::program::Show;
 use crate::{peers, programs};
 
 #[test]
-fn a_mission_over_signed_links_in_the_simulated_room_succeeds_and_others_can_read_it() {
+fn a_mission_over_signed_links_in_a_street_succeeds_and_others_can_read_it() {
     let folder = tempfile::tempdir().expect("a folder for the mission");
     let out = folder.path().join("mission");
     let key = folder.path().join("link.key");
@@ -33,7 +33,7 @@ fn a_mission_over_signed_links_in_the_simulated_room_succeeds_and_others_can_rea
     )]
     let started = Instant::now();
 
-    let report = demo::run(&Scenario::SimulatedRoom, &options, started).unwrap_or_else(|error| {
+    let report = demo::run(&Scenario::Street, &options, started).unwrap_or_else(|error| {
         let log = |name: &str| fs::read_to_string(out.join(name)).unwrap_or_default();
         panic!(
             "{error:#}\n--- groundstation\n{}\n--- companion\n{}\n--- sitl\n{}",

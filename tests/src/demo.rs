@@ -87,7 +87,7 @@ pub fn run(scenario: &Scenario, options: &Options, started: Instant) -> anyhow::
     let config = scenario.companion_config(options, ports)?;
     let mut companion = start_companion(&config, options)?;
     let mut groundstation = start_groundstation(options, ports)?;
-    let mut sitl = start_sitl(scenario, &scenario::origin(&config)?, options, ports)?;
+    let mut sitl = start_sitl(scenario, &scenario.origin(&config)?, options, ports)?;
     groundstation.wait(PATIENCE)?;
     companion.stop(Duration::from_secs(30))?;
     sitl.stop(Duration::from_secs(30))?;
@@ -191,7 +191,8 @@ fn start_sitl(
     ports: Ports,
 ) -> anyhow::Result<Program> {
     let mut command = Command::new(options.programs.join("sitl"));
-    command.args(["run", "--scene", "room", "--seed", "1", "--headless"]);
+    command.args(["run", "--headless"]);
+    command.args(scenario.scene());
     command
         .arg("--copter")
         .arg(format!("udpout:127.0.0.1:{}", ports.autopilot));

@@ -2,7 +2,7 @@
 
 use std::env;
 use std::io::{self, Write as _};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 use std::time::Instant;
 
 use anyhow::{Context as _, bail};
@@ -10,23 +10,16 @@ use clap::Parser;
 use tests::demo::{self, Options, Scenario, Window};
 use tests::program::Show;
 
-/// Where the recording of walking people lies beside a developer's checkout.
-const RECORDING: &str = "../shared/data/rgbd/bonn_crowd_a";
-
-/// Runs one mission end to end: a recording becomes a map, the map crosses MAVLink, a rover drives a path planned on it.
+/// Runs one mission end to end: what a drone sees of a street becomes a map, the map crosses MAVLink, a rover drives a path planned on it.
 #[derive(Parser)]
 #[command(name = "demo", version)]
 struct Arguments {
     /// Folder for what the mission leaves behind; cleared first
     #[arg(long, default_value = "out/demo")]
     out: PathBuf,
-    /// Folder of Bonn's `rgbd_bonn_crowd`, or a part of it, in the TUM layout [default: `../shared/data/rgbd/bonn_crowd_a` if
-    /// it is there, else the simulator records a room]
-    #[arg(long, value_name = "DIR", conflicts_with = "simulated")]
+    /// Map a recording instead: folder of Bonn's `rgbd_bonn_crowd`, or a part of it, in the TUM layout
+    #[arg(long, value_name = "DIR")]
     recording: Option<PathBuf>,
-    /// Map the simulated room even if there is a recording
-    #[arg(long)]
-    simulated: bool,
     /// Take pictures, open no window even if there is a display
     #[arg(long)]
     headless: bool,
@@ -52,8 +45,7 @@ fn main() -> anyhow::Result<()> {
         .to_owned();
     let scenario = match arguments.recording {
         Some(recording) => Scenario::office(&recording)?,
-        None if arguments.simulated => Scenario::SimulatedRoom,
-        None => Scenario::office(Path::new(RECORDING)).unwrap_or(Scenario::SimulatedRoom),
+        None => Scenario::Street,
     };
 
     let options = Options {

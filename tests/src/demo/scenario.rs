@@ -7,6 +7,12 @@ use std::time::Duration;
 use anyhow::{Context as _, bail, ensure};
 use toml::{Table, Value};
 
+use maps::frame::Point;
+use maps::time::Stamp;
+use sitl::platform;
+use sitl::scene::{Name, Scene};
+use sitl::wgs84::{Geodetic, Origin};
+
 use super::{Options, Ports, say};
 use crate::program::Program;
 
@@ -97,7 +103,42 @@ impl Scenario {
             "ground",
             format!("udpout:127.0.0.1:{}{}", ports.ground, options.signing()),
         );
+        if *self == Self::Street {
+            let table = config.get_mut("origin").and_then(Value::as_table_mut);
+            let table = table.context("the configuration has no [origin]")?;
+            let place = map_origin();
+            for (key, value) in [
+                ("lat_deg", place.lat_deg),
+                ("lon_deg", place.lon_deg),
+                ("alt_m", place.alt_m),
+            ] {
+                table.insert(key.to_owned(), Value::Float(value));
+            }
+        }
         Ok(config)
+    }
+
+    /// The scene in which vehicles drive, as `sitl run` takes it. What they do is told apart from what the recording shows.
+    pub(super) fn scene(&self) -> [String; 4] {
+        let (scene, seed) = match self {
+            Self::Office { .. } => (Name::Room, 1),
+            Self::Street => STREET,
+        };
+        let [scene, seed] = [scene.to_string(), seed.to_string()];
+        ["--scene".to_owned(), scene, "--seed".to_owned(), seed]
+    }
+
+    /// Where the scene's origin is on Earth, as `sitl run --origin` takes it.
+    pub(super) fn origin(&self, config: &Table) -> anyhow::Result<String> {
+        let Geodetic {
+            lat_deg,
+            lon_deg,
+            alt_m,
+        } = STREET_ORIGIN;
+        match self {
+            Self::Office { .. } => origin(config),
+            Self::Street => Ok(format!("{lat_deg},{lon_deg},{alt_m}")),
+        }
     }
 
     /// What the operator does, for the ground station's `--script`.
@@ -109,7 +150,7 @@ impl Scenario {
     }
 
     /// Where the rover stands at first, on floor that the recording shows, as `sitl run --rover-start` takes it: metres east
-    /// and north of the map's origin, degrees clockwise from north.
+    /// and north of the scene's origin, degrees clockwise from north.
     pub(super) fn rover_start(&self) -> &'static str {
         match self {
             Self::Office { .. } => "1.85,-0.4,210",
@@ -131,8 +172,17 @@ fn set(config: &mut Table, section: &str, key: &str, value: String) {
     }
 }
 
+/// Where on Earth the map of the street has its origin: on the ground below the drone's camera when it starts to film.
+fn map_origin() -> Geodetic {
+    let (scene, seed) = STREET;
+    let scene = Scene::generate(scene, seed);
+    let camera = platform::uav_camera(&scene, Stamp::ZERO, seed).translation();
+    let ground = Point::new(camera.raw.x, camera.raw.y, 0.0);
+    Origin::new(STREET_ORIGIN).to_geodetic(ground)
+}
+
 /// The mission's origin in a companion's configuration, as `sitl run --origin` takes it.
-pub(super) fn origin(config: &Table) -> anyhow::Result<String> {
+fn origin(config: &Table) -> anyhow::Result<String> {
     let origin = config
         .get("origin")
         .and_then(Value::as_table)
