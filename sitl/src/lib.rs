@@ -2,7 +2,7 @@
 //!
 //! - [`scene`]: a room and five kinds of streets, generated from a seed; [`traffic`]: who moves in a street.
 //! - [`render`], [`rays`]: what cameras and rays meet; [`depth_camera`], [`lidar`]: what sensors make of it.
-//! - [`platform`], [`flight`]: where the sensors are; [`truth`]: what is really there; [`poster`]: all of it to look at.
+//! - [`platform`], [`flight`]: where the sensors are; [`truth`]: what is really there; [`palette`], [`poster`]: all of it to look at.
 //! - [`record`]: the drone's camera in a file, with exact truth.
 //! - [`vehicle`]: how a quadrotor and a small car move, and what their sensors say.
 //! - [`sensor`]: what its other sensors make of the truth: inertial, satellite, radar and so on.
@@ -18,6 +18,7 @@ pub mod flight;
 pub mod lidar;
 pub mod link;
 pub mod noise;
+pub mod palette;
 pub mod platform;
 pub mod poster;
 pub mod rays;
