@@ -1,6 +1,7 @@
 //! The simulator's command line: a clock, the signals, and [`sitl::run`].
 
 mod status;
+mod view;
 
 use std::io::{IsTerminal as _, Write as _};
 use std::path::PathBuf;
@@ -35,6 +36,8 @@ enum Command {
     Run(RunArgs),
     /// Draws a contact sheet: what all sensors see of each scene, and the truth.
     Poster(PosterArgs),
+    /// Shows a scene in a window: in three dimensions, with all sensors and the truth, at any time.
+    View(view::ViewArgs),
 }
 
 #[derive(Args)]
@@ -67,6 +70,9 @@ struct RunArgs {
     /// Shows nothing but warnings and errors: no line with where the vehicles are, no news.
     #[arg(long)]
     headless: bool,
+    /// Shows the scene, each camera and where the vehicles truly are, in a window; closing it ends the run.
+    #[arg(long, conflicts_with = "headless")]
+    view: bool,
     /// Ends after this much simulated time. Default: a recording takes one round (36 s), vehicles run until stopped.
     #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_hyphen_values = true)]
     duration: Option<Duration>,
@@ -124,6 +130,10 @@ fn execute() -> anyhow::Result<()> {
     match Cli::parse().command {
         Command::Run(args) => execute_run(args),
         Command::Poster(args) => draw_poster(&args),
+        Command::View(args) => {
+            log_to_stderr("warn");
+            view::alone(&args)
+        }
     }
 }
 
@@ -145,14 +155,18 @@ fn draw_poster(args: &PosterArgs) -> anyhow::Result<()> {
     file.flush().with_context(cannot)
 }
 
-fn execute_run(args: RunArgs) -> anyhow::Result<()> {
-    let level = if args.headless { "warn" } else { "info" };
+fn log_to_stderr(level: &str) {
     let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new(level));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
         .with_ansi(std::io::stderr().is_terminal())
         .init();
+}
+
+fn execute_run(args: RunArgs) -> anyhow::Result<()> {
+    let level = if args.headless { "warn" } else { "info" };
+    log_to_stderr(level);
     let settings = Settings {
         scene: args.scene,
         seed: args.seed,
@@ -164,6 +178,9 @@ fn execute_run(args: RunArgs) -> anyhow::Result<()> {
         rover_start: args.rover_start,
         report: args.report,
     };
+    if args.view && !settings.has_links() && settings.record.is_none() {
+        return view::of(settings.scene, settings.seed);
+    }
     let (inbox, events) = sync_channel(QUEUE);
     let start = now();
     let for_signal = inbox.clone();
@@ -182,15 +199,30 @@ fn execute_run(args: RunArgs) -> anyhow::Result<()> {
         move || Stamp::from_nanos(u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX));
     let mut line = StatusLine::default();
     let watched = !args.headless && settings.has_links() && std::io::stderr().is_terminal();
-    let report = run(&settings, (&inbox, &events), clock, |simulation| {
-        if watched {
-            line.show(simulation);
+    let scene = (settings.scene, settings.seed);
+    let for_window = inbox.clone();
+    let mut work = move |mut teller: Option<view::Teller>| {
+        let report = run(&settings, (&inbox, &events), clock, |simulation| {
+            if watched {
+                line.show(simulation);
+            }
+            if let Some(teller) = &mut teller {
+                teller.tell(simulation);
+            }
+        })?;
+        if let Some(recording) = &report.recording {
+            tracing::info!(frames = recording.frames, seconds = recording.seconds, file = %recording.file.display(), "recorded");
         }
-    })?;
-    if let Some(recording) = &report.recording {
-        tracing::info!(frames = recording.frames, seconds = recording.seconds, file = %recording.file.display(), "recorded");
+        Ok(())
+    };
+    if !args.view {
+        return work(None);
     }
-    Ok(())
+    let stop = move || {
+        // Nobody listens any more only if the run has ended already.
+        let _already_ended = for_window.send(Event::Stop);
+    };
+    view::beside(scene, stop, move |teller| work(Some(teller)))
 }
 
 /// A tick per step of real time. A machine that falls behind catches up: no step is left out.

@@ -2,14 +2,16 @@
 
 use rayon::prelude::*;
 
-use crate::scene::{Face, Material};
+use crate::scene::Face;
 
 /// Width and greatest height of the texture; every graphics card takes it.
-const SIZE: [usize; 2] = [4096, 2048];
+const SIZE: [usize; 2] = [4096, 4096];
 /// Around each patch, in texels: what is blended with it is still its own, down to a quarter of the size.
 const RIM: usize = 2;
 /// No patch is longer.
 const LONGEST: usize = 1024;
+/// Nobody looks for details on faces that are larger than this both ways, the land behind the houses, and there is much of it.
+const FIELD_M: f64 = 30.0;
 /// Texels that are tried, in metres: the finest for which there is room.
 const TEXELS_M: [f64; 9] = [0.02, 0.03, 0.04, 0.06, 0.08, 0.12, 0.2, 0.4, 0.8];
 /// How many times the texture is halved.
@@ -81,14 +83,11 @@ pub(super) struct Patch {
 
 impl Patch {
     fn new(face: &Face, index: usize, texel_m: f64) -> Self {
-        let longest = match face.material {
-            // Nobody looks for details in a meadow, and there is much of it.
-            Material::Grass { .. } => LONGEST / 8,
-            _ => LONGEST,
-        };
         let low = [face.top[0].min(0.0), 0.0];
         let high = [face.top[1].max(1.0), 1.0];
         let edges = [face.edge_u.raw.norm(), face.edge_v.raw.norm()];
+        let is_field = edges.iter().all(|edge| *edge > FIELD_M);
+        let longest = if is_field { LONGEST / 16 } else { LONGEST };
         let texel_m = [0, 1].into_iter().fold(texel_m, |texel_m, i| {
             texel_m.max(edges[i] * (high[i] - low[i]) / longest as f64)
         });
