@@ -26,7 +26,7 @@ use clap::Args;
 use maps::time::Stamp;
 use sitl::scene::Name;
 
-use app::{App, Follow, Layer, Layers, Start};
+use app::{Follow, Layer, Layers, Start};
 use sensors::{Kind, Tab};
 use sketch::Colouring;
 use world::History;

@@ -11,6 +11,7 @@ use sitl::render::Stage;
 use sitl::scene::Scene;
 use sitl::simulation::{Event, Simulation};
 
+use super::app::App;
 use super::*;
 
 const PATIENCE: Duration = Duration::from_mins(3);

@@ -11,7 +11,7 @@ use maps::time::Stamp;
 pub(crate) const SPEEDS: [f64; 7] = [0.1, 0.25, 0.5, 1.0, 2.0, 5.0, 10.0];
 const NORMAL: usize = 3;
 /// Traffic goes on for so long.
-const LENGTH: Duration = Duration::from_secs(240);
+const LENGTH: Duration = Duration::from_mins(4);
 /// A slow picture must not make time leap.
 const LONGEST_PASS_S: f64 = 0.25;
 
@@ -161,7 +161,7 @@ mod tests {
         let mut line = TimeLine::new(second(8));
         line.step(Duration::from_millis(100), false);
         assert_eq!(line.at(), Stamp::from_nanos(7_900_000_000));
-        line.step(Duration::from_secs(60), false);
+        line.step(Duration::from_mins(1), false);
         assert_eq!(line.at(), Stamp::ZERO);
         line.seek(second(999));
         assert_eq!(line.at(), second(240));

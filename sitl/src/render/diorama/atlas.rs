@@ -28,7 +28,7 @@ pub struct Texture {
     /// Row by row.
     pub pixels: Vec<[u8; 4]>,
     /// Each of half the size of the one before.
-    pub halved: Vec<Texture>,
+    pub halved: Vec<Self>,
 }
 
 impl Texture {

@@ -82,7 +82,9 @@ fn texture_at(diorama: &Diorama, p: Point3<f64>) -> Option<[u8; 3]> {
         }
         let share = |edge: Vector3<f64>| edge.cross(&from).dot(&normal) / area;
         let (v, w) = (-share(c - a), share(b - a));
-        let is_inside = v >= 0.0 && w >= 0.0 && v + w <= 1.0;
+        if v < 0.0 || w < 0.0 || v + w > 1.0 {
+            return None;
+        }
         let [width, height] = diorama.atlas.size;
         let uv = [0, 1].map(|i| {
             let of = |k: usize| f64::from(corners[k].uv[i]);
@@ -91,6 +93,6 @@ fn texture_at(diorama: &Diorama, p: Point3<f64>) -> Option<[u8; 3]> {
         let [x, y] = [uv[0] * width as f64, uv[1] * height as f64].map(|c| c as usize);
         let texel = diorama.atlas.pixels[y * width + x];
         let is_textured = corners[0].colour == [255; 4];
-        (is_inside && is_textured).then_some([texel[0], texel[1], texel[2]])
+        is_textured.then_some([texel[0], texel[1], texel[2]])
     })
 }

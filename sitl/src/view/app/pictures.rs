@@ -88,24 +88,25 @@ impl App {
             return;
         };
         let age = age(&pictures.of, &wanted);
-        ui.horizontal(|ui| {
-            let stamp = format!("at {:.3} s", pictures.of.at.as_secs_f64());
-            ui.label(RichText::new(stamp).monospace());
-            let took = format!("drawn in {} ms", pictures.took.as_millis());
-            ui.label(RichText::new(took).weak());
-            if let Some(age) = &age {
-                ui.label(RichText::new(format!("STALE: {age}")).color(AMBER));
-            } else if !pictures.of.has_pictures_of(&wanted) {
-                ui.label(RichText::new("drawing").color(AMBER));
-            }
-        });
+        let stamp = format!("at {:.3} s", pictures.of.at.as_secs_f64());
+        let took = format!("drawn in {} ms", pictures.took.as_millis());
+        let state = if let Some(age) = &age {
+            RichText::new(format!("STALE: {age}")).color(AMBER)
+        } else if pictures.of.has_pictures_of(&wanted) {
+            RichText::new(took).weak()
+        } else {
+            RichText::new("drawing").color(AMBER)
+        };
+        // Cut off before it makes the panel wider.
+        ui.add(egui::Label::new(RichText::new(stamp).monospace()).truncate());
+        ui.add(egui::Label::new(state).truncate());
         let legend = legend(pictures.of.tab, pictures.of.kind);
         let per_row = (ui.available_width() / ENTRY_WIDTH).floor().max(1.0) as usize;
         let legend_height = legend.len().div_ceil(per_row) as f32 * ENTRY_HEIGHT;
         let room = ui.available_size() - vec2(0.0, legend_height + 4.0);
         let size = textures
             .first()
-            .map_or(Vec2::ZERO, |texture| texture.size_vec2());
+            .map_or(Vec2::ZERO, egui::TextureHandle::size_vec2);
         if let Some((columns, size)) = grid(textures.len(), size, room) {
             let shown: Vec<_> = pictures.panels.iter().zip(textures).collect();
             ui.spacing_mut().item_spacing = vec2(GAP, 0.0);
