@@ -2,7 +2,7 @@
 //!
 //! - [`scene`]: a room and five kinds of streets, generated from a seed; [`traffic`]: who moves in a street.
 //! - [`render`], [`rays`]: what cameras and rays meet; [`depth_camera`], [`lidar`]: what sensors make of it.
-//! - [`platform`], [`flight`], [`way`]: where the sensors are; [`truth`]: what is really there; [`poster`]: all of it to look at.
+//! - [`platform`], [`flight`], [`way`]: where the sensors are; [`truth`]: what is really there; [`palette`], [`poster`]: all of it to look at.
 //! - [`rig`]: all sensors of both vehicles, message by message; [`record`]: the same in a file.
 //! - [`dataset`]: training data of both vehicles, with truth.
 //! - [`live`]: what sensors say, over Zenoh.
@@ -24,6 +24,7 @@ pub mod lidar;
 pub mod link;
 pub mod live;
 pub mod noise;
+pub mod palette;
 pub mod platform;
 pub mod poster;
 pub mod rays;

@@ -1,6 +1,7 @@
 //! The simulator's command line: a clock, the signals, and [`sitl::run`].
 
 mod status;
+mod view;
 
 use std::io::{IsTerminal as _, Write as _};
 use std::path::PathBuf;
@@ -46,6 +47,8 @@ enum Command {
     Dataset(dataset::cli::Args),
     /// Lets a real `ArduPilot` fly or drive in a scene, through its JSON interface.
     Bridge(bridge::cli::Args),
+    /// Shows a scene in a window: in three dimensions, with all sensors and the truth, at any time.
+    View(view::ViewArgs),
 }
 
 #[derive(Args)]
@@ -97,6 +100,9 @@ struct RunArgs {
     /// Shows nothing but warnings and errors: no line with where the vehicles are, no news.
     #[arg(long)]
     headless: bool,
+    /// Shows the scene, each camera and where the vehicles truly are, in a window; closing it ends the run.
+    #[arg(long, conflicts_with = "headless")]
+    view: bool,
     /// Ends after this much simulated time. Default: a recording takes one round (36 s), vehicles run until stopped.
     #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_hyphen_values = true)]
     duration: Option<Duration>,
@@ -192,6 +198,10 @@ fn execute() -> anyhow::Result<()> {
                 .context("cannot listen for ctrl-c")?;
             bridge::cli::run(&args, &stop)
         }
+        Command::View(args) => {
+            start_log("warn");
+            view::alone(&args)
+        }
     }
 }
 
@@ -246,6 +256,9 @@ fn execute_run(args: RunArgs) -> anyhow::Result<()> {
         link: Profile::named(&args.link).context("no such link")?,
         report: args.report,
     };
+    if args.view && settings.is_idle() {
+        return view::of(settings.setup.scene, settings.setup.seed);
+    }
     let (inbox, events) = sync_channel(QUEUE);
     let start = now();
     let for_signal = inbox.clone();
@@ -264,16 +277,31 @@ fn execute_run(args: RunArgs) -> anyhow::Result<()> {
     let clock = clock(start);
     let mut line = StatusLine::default();
     let watched = !args.headless && settings.has_links() && std::io::stderr().is_terminal();
-    let report = run(&settings, (&inbox, &events), clock, |simulation| {
-        if watched {
-            line.show(simulation);
+    let scene = (settings.setup.scene, settings.setup.seed);
+    let for_window = inbox.clone();
+    let mut work = move |mut teller: Option<view::Teller>| {
+        let report = run(&settings, (&inbox, &events), clock, |simulation| {
+            if watched {
+                line.show(simulation);
+            }
+            if let Some(teller) = &mut teller {
+                teller.tell(simulation);
+            }
+        })?;
+        if let Some(recording) = &report.recording {
+            let messages: u64 = recording.messages.values().sum();
+            tracing::info!(messages, seconds = recording.seconds, "recorded");
         }
-    })?;
-    if let Some(recording) = &report.recording {
-        let messages: u64 = recording.messages.values().sum();
-        tracing::info!(messages, seconds = recording.seconds, "recorded");
+        Ok(())
+    };
+    if !args.view {
+        return work(None);
     }
-    Ok(())
+    let stop = move || {
+        // Nobody listens any more only if the run has ended already.
+        let _already_ended = for_window.send(Event::Stop);
+    };
+    view::beside(scene, stop, move |teller| work(Some(teller)))
 }
 
 /// A tick per step of real time, and between them one more often for emulated links. A machine that falls behind catches

@@ -11,6 +11,7 @@
 //!
 //! - J. Burns and W. Hunt, *The Visibility Buffer: A Cache-Friendly Approach to Deferred Shading*, JCGT 2(2), 2013.
 
+pub mod diorama;
 mod raster;
 mod shade;
 mod shadow;

@@ -56,6 +56,11 @@ pub struct Settings {
 }
 
 impl Settings {
+    /// Whether there is nothing to do.
+    pub fn is_idle(&self) -> bool {
+        !self.has_links() && !self.has_sensors()
+    }
+
     /// Whether anybody is told what sensors see.
     fn has_sensors(&self) -> bool {
         self.record.is_some() || self.zenoh.is_some()
@@ -128,7 +133,7 @@ pub fn run(
 }
 
 fn check(settings: &Settings) -> anyhow::Result<()> {
-    if !settings.has_links() && !settings.has_sensors() {
+    if settings.is_idle() {
         bail!("nothing to do: give --copter URI, --rover URI, --record FILE or --zenoh ENDPOINT");
     }
     for file in settings.record.iter().chain(&settings.report) {

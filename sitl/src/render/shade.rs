@@ -146,12 +146,12 @@ impl<'a> View<'a> {
 }
 
 /// What a camera makes of light: its gamma of 2.2, nearly.
-fn developed(light: [f32; 3], exposure: f32) -> [u8; 3] {
+pub(super) fn developed(light: [f32; 3], exposure: f32) -> [u8; 3] {
     light.map(|share| ((share * exposure).clamp(0.0, 1.0).sqrt() * 255.0) as u8)
 }
 
 /// Lambert's law for each lamp, and light from everywhere.
-fn lamplight(lamps: &[Point3<f64>], p: &Vector3<f64>, normal: &Vector3<f64>) -> f32 {
+pub(super) fn lamplight(lamps: &[Point3<f64>], p: &Vector3<f64>, normal: &Vector3<f64>) -> f32 {
     let lamps: f64 = lamps
         .iter()
         .map(|lamp| {

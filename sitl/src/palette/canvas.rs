@@ -21,19 +21,35 @@ impl Canvas {
         }
     }
 
-    pub(super) fn filled(width: usize, height: usize, colour: [u8; 3]) -> Self {
+    /// Its width in pixels.
+    pub fn width(&self) -> usize {
+        self.width
+    }
+
+    /// Its height in pixels.
+    pub fn height(&self) -> usize {
+        self.height
+    }
+
+    /// Its pixels, row by row.
+    pub fn pixels(&self) -> &[[u8; 3]] {
+        &self.pixels
+    }
+
+    /// All of one colour.
+    pub(crate) fn filled(width: usize, height: usize, colour: [u8; 3]) -> Self {
         Self::new(width, height, vec![colour; width * height])
     }
 
     /// Colours a pixel, if there is one.
-    pub(super) fn set(&mut self, column: usize, row: usize, colour: [u8; 3]) {
+    pub(crate) fn set(&mut self, column: usize, row: usize, colour: [u8; 3]) {
         if column < self.width && row < self.height {
             self.pixels[row * self.width + column] = colour;
         }
     }
 
     /// Scaled, each pixel the mean of what it covers.
-    pub(super) fn scaled(&self, width: usize, height: usize) -> Self {
+    pub(crate) fn scaled(&self, width: usize, height: usize) -> Self {
         let range = |at: usize, to: usize, from: usize| {
             let first = at * from / to;
             first..((at + 1) * from).div_ceil(to).max(first + 1).min(from)
