@@ -15,6 +15,7 @@
 pub mod autopilot;
 pub mod depth_camera;
 pub mod flight;
+mod lanes;
 pub mod lidar;
 pub mod link;
 pub mod noise;

@@ -73,6 +73,12 @@ impl Outline {
         band(self.rows[0])..(band(self.rows[1]) + 1).min(height.div_ceil(BAND))
     }
 
+    /// The rows of a picture of this height that it touches.
+    pub(super) fn rows_within(&self, height: usize) -> Range<usize> {
+        let row = |row: f64| row.clamp(0.0, height as f64) as usize;
+        row(self.rows[0])..(row(self.rows[1]) + 1).min(height)
+    }
+
     /// The pixels of a row whose centres lie within the outline.
     pub(super) fn span(&self, row: f64, width: usize) -> Option<Range<usize>> {
         if row < self.rows[0] || row > self.rows[1] {

@@ -1,5 +1,6 @@
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 
+use super::seen::{NEAR_M, clip_near};
 use super::*;
 use crate::depth_camera::d455;
 use crate::flight;
