@@ -65,7 +65,7 @@ mod tests {
     #[test]
     fn many_places_at_once_get_the_bits_that_one_at_a_time_gets() {
         for block in 0..500 {
-            let random = |what: i32| lanes!(k => unit(at_cell(block * 16 + k as i32, what, 3)));
+            let random = |what: i32| lanes!(k => unit(at_cell(block * 16 + (k as u32).cast_signed(), what, 3)));
             let [x, y, size] = [1, 2, 3].map(random);
             let x = lanes!(k => (x[k] - 0.5) * 400.0);
             let y = lanes!(k => (y[k] - 0.5) * 400.0);

@@ -13,6 +13,7 @@
 
 mod band;
 mod raster;
+mod scan;
 mod seen;
 mod shade;
 mod shadow;
@@ -26,7 +27,9 @@ use maps::time::Stamp;
 use rayon::prelude::*;
 
 use crate::scene::{Face, Instance, Light, Scene};
-use band::{Rows, Scratch};
+pub use scan::{PoseAt, Radiance, Readout};
+
+use band::{Ink, Rows, Scratch};
 use raster::{BAND, Outline, bands};
 use seen::{Bound, Frustum, Seen};
 use shade::View;
@@ -206,7 +209,7 @@ impl Picture {
         let bands = self.rgb.par_chunks_mut(pixels).zip(truth).enumerate();
         bands.map(|(band, (rgb, ((depth_m, facing), instance)))| Rows {
             top: band * BAND,
-            rgb,
+            ink: Ink::Developed(rgb),
             depth_m,
             facing,
             instance,

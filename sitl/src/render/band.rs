@@ -10,10 +10,39 @@ use crate::scene::Instance;
 pub(super) struct Rows<'a> {
     /// Index of the first.
     pub(super) top: usize,
-    pub(super) rgb: &'a mut [[u8; 3]],
+    pub(super) ink: Ink<'a>,
     pub(super) depth_m: &'a mut [f32],
     pub(super) facing: &'a mut [f32],
     pub(super) instance: &'a mut [Instance],
+}
+
+impl<'a> Rows<'a> {
+    /// Each row alone, if light is kept.
+    pub(super) fn single(self, width: usize) -> impl Iterator<Item = Rows<'a>> {
+        let light = match self.ink {
+            Ink::Light(light) => light,
+            Ink::Developed(_) => &mut [],
+        };
+        let truth = self.depth_m.chunks_mut(width);
+        let truth = truth.zip(self.facing.chunks_mut(width));
+        let truth = truth.zip(self.instance.chunks_mut(width));
+        let rows = (self.top..).zip(light.chunks_mut(width).zip(truth));
+        rows.map(|(top, (light, ((depth_m, facing), instance)))| Rows {
+            top,
+            ink: Ink::Light(light),
+            depth_m,
+            facing,
+            instance,
+        })
+    }
+}
+
+/// What of the light is kept.
+pub(super) enum Ink<'a> {
+    /// The colours that a camera makes of it.
+    Developed(&'a mut [[u8; 3]]),
+    /// The light itself, as much as makes the camera's full scale being 1.
+    Light(&'a mut [[f32; 3]]),
 }
 
 /// What drawing a band needs for itself; kept from band to band.
@@ -63,19 +92,28 @@ pub(super) fn draw(
                         rows.facing[at] = shaded.facing[k];
                         rows.instance[at] = seen.face.instance;
                     }
-                    rows.put(view, &shaded.light, index);
+                    rows.ink.put(view, &shaded.light, index);
                 }
-                None => rows.put(view, &view.sky(&batch), index),
+                None => rows.ink.put(view, &view.sky(&batch), index),
             }
         }
     }
 }
 
-impl Rows<'_> {
+impl Ink<'_> {
     fn put(&mut self, view: &View<'_>, light: &crate::scene::Colours, index: &[usize]) {
-        let colours = view.developed(light);
-        for (k, &at) in index.iter().enumerate() {
-            self.rgb[at] = [colours[0][k], colours[1][k], colours[2][k]];
+        match self {
+            Self::Developed(rgb) => {
+                let colours = view.developed(light);
+                for (k, &at) in index.iter().enumerate() {
+                    rgb[at] = [colours[0][k], colours[1][k], colours[2][k]];
+                }
+            }
+            Self::Light(kept) => {
+                for (k, &at) in index.iter().enumerate() {
+                    kept[at] = [light[0][k], light[1][k], light[2][k]];
+                }
+            }
         }
     }
 }

@@ -109,6 +109,39 @@ impl Bound {
             normal: face.edge_u.raw.cross(&face.edge_v.raw).normalize(),
         }
     }
+
+    /// Around a face that moves straight from here to there. Which way it faces meanwhile is not known.
+    pub(super) fn along_to(&self, other: &Self) -> Self {
+        let half = (other.centre - self.centre) / 2.0;
+        Self {
+            centre: self.centre + half,
+            radius_m: self.radius_m.max(other.radius_m) + half.norm(),
+            normal: Vector3::zeros(),
+        }
+    }
+}
+
+/// How far other poses are from the one that a frustum is of.
+#[derive(Clone, Copy, Debug, Default)]
+pub(super) struct Sway {
+    shift_m: f64,
+    turn_rad: f64,
+}
+
+impl Sway {
+    pub(super) fn around(
+        pose: Isometry<World, Camera>,
+        others: &[Isometry<World, Camera>],
+    ) -> Self {
+        others.iter().fold(Self::default(), |sway, other| {
+            let shift = other.raw.translation.vector - pose.raw.translation.vector;
+            let turn = other.raw.rotation.angle_to(&pose.raw.rotation);
+            Self {
+                shift_m: sway.shift_m.max(shift.norm()),
+                turn_rad: sway.turn_rad.max(turn),
+            }
+        })
+    }
 }
 
 /// All that a camera may see: five planes through it, or just in front of it.
@@ -120,12 +153,21 @@ pub(super) struct Frustum {
 
 impl Frustum {
     pub(super) fn of(camera: &Pinhole, world_from_camera: Isometry<World, Camera>) -> Self {
-        let (width, height) = (camera.width as f64, camera.height as f64);
+        Self::of_rows(camera, world_from_camera, [0, camera.height])
+    }
+
+    /// What these rows may see, from the first to before the last.
+    pub(super) fn of_rows(
+        camera: &Pinhole,
+        world_from_camera: Isometry<World, Camera>,
+        [top, end]: [usize; 2],
+    ) -> Self {
+        let width = camera.width as f64;
         let planes = [
             [camera.fx, 0.0, camera.cx],
             [-camera.fx, 0.0, width - camera.cx],
-            [0.0, camera.fy, camera.cy],
-            [0.0, -camera.fy, height - camera.cy],
+            [0.0, camera.fy, camera.cy - top as f64],
+            [0.0, -camera.fy, end as f64 - camera.cy],
             [0.0, 0.0, 1.0],
         ];
         let turn = world_from_camera.raw.rotation;
@@ -137,9 +179,23 @@ impl Frustum {
 
     /// Whether anything of a face could be seen; `false` only if [`Seen::new`] would say so.
     pub(super) fn may_see(&self, bound: &Bound) -> bool {
+        self.may_see_swaying(bound, Sway::default())
+    }
+
+    /// The same for any pose that is not farther away than that: seen from the camera, a place moves by no more than the
+    /// camera does and by its distance times the angle.
+    pub(super) fn may_see_swaying(&self, bound: &Bound, sway: Sway) -> bool {
         let to_centre = bound.centre - self.eye;
-        let reach = bound.radius_m + DOUBT_M;
+        if bound.normal.dot(&to_centre) >= DOUBT_M + sway.shift_m {
+            return false;
+        }
+        let turned_m = if sway.turn_rad > 0.0 {
+            sway.turn_rad * (to_centre.norm() + bound.radius_m + sway.shift_m)
+        } else {
+            0.0
+        };
+        let reach = bound.radius_m + DOUBT_M + sway.shift_m + turned_m;
         let mut planes = self.planes.iter();
-        bound.normal.dot(&to_centre) < DOUBT_M && planes.all(|plane| plane.dot(&to_centre) > -reach)
+        planes.all(|plane| plane.dot(&to_centre) > -reach)
     }
 }
