@@ -1,7 +1,7 @@
 //! A simulated world: scene, cameras, vehicles and their autopilots.
 //!
 //! - [`scene`]: a room and five kinds of streets, generated from a seed; [`traffic`]: who moves in a street.
-//! - [`render`], [`rays`]: what cameras and rays meet; [`depth_camera`], [`lidar`]: what sensors make of it.
+//! - [`render`], [`rays`]: what cameras and rays meet; [`camera_model`], [`depth_camera`], [`lidar`]: what sensors make of it.
 //! - [`platform`], [`flight`]: where the sensors are; [`truth`]: what is really there; [`poster`]: all of it to look at.
 //! - [`record`]: the drone's camera in a file, with exact truth.
 //! - [`vehicle`]: how a quadrotor and a small car move, and what their sensors say.
@@ -13,6 +13,7 @@
 //! Of the maps it uses only frames, time and the camera: truth shares no code with estimates.
 
 pub mod autopilot;
+pub mod camera_model;
 pub mod depth_camera;
 pub mod flight;
 mod lanes;

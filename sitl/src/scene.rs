@@ -168,6 +168,18 @@ impl Scene {
         street::street(name, seed).unwrap_or_else(|| room::room(seed))
     }
 
+    /// Faces that stand in a light, for tests.
+    #[cfg(test)]
+    pub(crate) fn of(still: Vec<Face>, light: Light) -> Self {
+        Self {
+            still,
+            things: Vec::new(),
+            walkers: Vec::new(),
+            street: None,
+            light,
+        }
+    }
+
     /// The faces of all that stands still.
     pub fn still(&self) -> &[Face] {
         &self.still
