@@ -1,8 +1,8 @@
 //! What a street is made of.
 
+use super::indoor::bricks;
 use super::{
-    Cell, Colour, Colours, Spot, Spots, above, between, blend, bricks, cell, dots, one_if, paint,
-    scale,
+    Cell, Colour, Colours, Spot, Spots, above, between, blend, cell, dots, one_if, paint, scale,
 };
 use crate::lanes::{LANES, vectorised};
 use crate::noise::{at_cell, floor, lerp, unit, value, visible};
