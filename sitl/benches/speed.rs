@@ -98,7 +98,7 @@ fn vehicles(seconds: f64) {
     let frames: usize = (0..steps)
         .map(|_| simulation.step(&Event::Tick).len())
         .sum();
-    let ratio = steps as f64 * STEP.as_secs_f64() / (now()[0] - began[0]).as_secs_f64();
+    let ratio = steps as f64 * STEP.as_secs_f64() / now()[0].saturating_sub(began[0]).as_secs_f64();
     println!("vehicles alone: {ratio:.0} times real time ({frames} telemetry frames)");
 }
 

@@ -76,23 +76,35 @@ pub fn expose(picture: &Picture, camera: &Pinhole, reach_m: f32, seed: u64) -> R
     let rows = rows.zip(frame.depth_m.par_chunks_mut(width)).enumerate();
     rows.for_each_init(Vec::new, |hidden, (y, (rgb, depth_m))| {
         sensor.hidden(y, hidden);
-        for from in (0..width).step_by(LANES) {
-            let to = (from + LANES).min(width);
-            // Lanes beyond the edge repeat its pixel.
-            let pixels = Pixels {
-                x: lanes!(k => (from + k).min(width - 1)),
-                y,
-            };
-            let hidden = lanes!(k => hidden[pixels.x[k]]);
-            let measured = measured(&sensor, &pixels, &hidden);
-            depth_m[from..to].copy_from_slice(&measured[..to - from]);
-            let colours = coloured(&sensor, &pixels);
-            for (k, rgb) in rgb[from..to].iter_mut().enumerate() {
-                *rgb = [colours[0][k], colours[1][k], colours[2][k]];
-            }
-        }
+        expose_row(&sensor, y, hidden, rgb, depth_m);
     });
     frame
+}
+
+vectorised! {
+fn expose_row(
+    sensor: &Sensor<'_>,
+    y: usize,
+    hidden: &[bool],
+    rgb: &mut [[u8; 3]],
+    depth_m: &mut [f32],
+) {
+    let last = signed(sensor.picture.width) - 1;
+    let chunks = rgb.chunks_mut(LANES).zip(depth_m.chunks_mut(LANES));
+    for (from, (rgb, depth_m)) in (0..).step_by(LANES).zip(chunks) {
+        // Lanes beyond the edge repeat its pixel.
+        let pixels = Pixels {
+            x: lanes!(k => (signed(from) + signed(k)).min(last)),
+            y: signed(y),
+        };
+        let measured = measured(sensor, &pixels, hidden);
+        depth_m.copy_from_slice(&measured[..depth_m.len()]);
+        let colours = coloured(sensor, &pixels);
+        for (k, rgb) in rgb.iter_mut().enumerate() {
+            *rgb = [colours[0][k], colours[1][k], colours[2][k]];
+        }
+    }
+}
 }
 
 struct Sensor<'a> {
@@ -105,21 +117,21 @@ struct Sensor<'a> {
 
 /// Pixels of one row.
 struct Pixels {
-    x: Lanes<usize>,
-    y: usize,
+    x: Lanes<i32>,
+    y: i32,
 }
 
 impl Pixels {
     #[inline(always)]
     fn index(&self, k: usize, picture: &Picture) -> usize {
-        self.y * picture.width + self.x[k]
+        self.y as usize * picture.width + self.x[k] as usize
     }
 
     /// Smooth noise with cells of so many pixels, in `0.0..1.0`.
     #[inline(always)]
     fn value(&self, cell: f32, seed: u32) -> Lanes {
-        let x = lanes!(k => signed(self.x[k]) as f32 / cell);
-        let y = signed(self.y) as f32 / cell;
+        let x = lanes!(k => self.x[k] as f32 / cell);
+        let y = self.y as f32 / cell;
         lanes!(k => value(x[k], y, seed))
     }
 }
@@ -128,8 +140,8 @@ impl Sensor<'_> {
     #[inline(always)]
     fn random(&self, pixels: &Pixels, what: u32) -> Lanes<u32> {
         let seed = self.seed ^ mix(what);
-        let index = lanes!(k => signed(pixels.index(k, self.picture)));
-        lanes!(k => at_cell(index[k], 0, seed))
+        let first = pixels.y.wrapping_mul(signed(self.picture.width));
+        lanes!(k => at_cell(first.wrapping_add(pixels.x[k]), 0, seed))
     }
 
     /// Which pixels of a row the right imager does not see, because something nearer to the right of them hides them.
@@ -156,14 +168,16 @@ impl Sensor<'_> {
     #[inline(always)]
     fn frayed(&self, pixels: &Pixels) -> Lanes {
         let picture = self.picture;
-        let [right, down] = [1, 2].map(|what| pixels.value(3.0, self.seed ^ mix(what)));
+        // No closures here, which may stay calls; see `lanes!`.
+        let right = pixels.value(3.0, self.seed ^ mix(1));
+        let down = pixels.value(3.0, self.seed ^ mix(2));
         let wobble = |noise: f32| floor((noise - 0.5) * 5.0 + 0.5);
         let (last_x, last_y) = (signed(picture.width) - 1, signed(picture.height) - 1);
-        let x = lanes!(k => (signed(pixels.x[k]) + wobble(right[k])).clamp(0, last_x) as usize);
-        let y = lanes!(k => (signed(pixels.y) + wobble(down[k])).clamp(0, last_y) as usize);
+        let x = lanes!(k => (pixels.x[k] + wobble(right[k])).clamp(0, last_x) as usize);
+        let y = lanes!(k => (pixels.y + wobble(down[k])).clamp(0, last_y) as usize);
         let here = lanes!(k => picture.depth_m[pixels.index(k, picture)]);
         let there = lanes!(k => picture.depth_m[y[k] * picture.width + x[k]]);
-        let [chance, share] = [5, 6].map(|what| self.random(pixels, what));
+        let (chance, share) = (self.random(pixels, 5), self.random(pixels, 6));
         lanes!(k => {
             let is_jump = (here[k] - there[k]).abs() > 0.05 * here[k].max(there[k]);
             let is_between = is_jump && here[k] > 0.0 && there[k] > 0.0;
@@ -188,9 +202,9 @@ impl Sensor<'_> {
     }
 }
 
-vectorised! {
 /// In whole millimetres, as the camera reports it; 0 where it reports nothing.
-fn measured(sensor: &Sensor<'_>, pixels: &Pixels, hidden: &Lanes<bool>) -> Lanes {
+#[inline(always)]
+fn measured(sensor: &Sensor<'_>, pixels: &Pixels, hidden: &[bool]) -> Lanes {
     let seen = sensor.frayed(pixels);
     let holes = sensor.holes(pixels, &seen);
     // Neighbours share what their windows have in common.
@@ -202,15 +216,14 @@ fn measured(sensor: &Sensor<'_>, pixels: &Pixels, hidden: &Lanes<bool>) -> Lanes
         let shared = (window[k] - 0.5) / 0.21;
         let noise = DISPARITY_NOISE * (0.8 * shared + 0.6 * normal(own[k]));
         let measured = fb / (fb / seen[k] + noise);
-        let is_lost = seen[k] <= 0.0 || holes[k] || hidden[k];
+        let is_lost = seen[k] <= 0.0 || holes[k] || hidden[pixels.x[k] as usize];
         let is_within = measured >= NEAREST_M && measured <= reach_m;
         let millimetres = floor((measured * 1000.0 + 0.5).min(65_535.0));
         if is_within && !is_lost { millimetres as f32 / 1000.0 } else { 0.0 }
     })
 }
-}
 
-vectorised! {
+#[inline(always)]
 fn coloured(sensor: &Sensor<'_>, pixels: &Pixels) -> [Lanes<u8>; 3] {
     let rgb = lanes!(k => sensor.picture.rgb[pixels.index(k, sensor.picture)]);
     let mut colours = [[0; LANES]; 3];
@@ -222,7 +235,6 @@ fn coloured(sensor: &Sensor<'_>, pixels: &Pixels) -> [Lanes<u8>; 3] {
         }
     }
     colours
-}
 }
 
 /// An index or size as a coordinate. No picture has two billion pixels.

@@ -20,7 +20,8 @@ pub enum Exposure {
     Automatic(Automatic),
 }
 
-/// An exposure.
+/// An exposure. Light of 1 on a white surface fills the scale in 10 ms at a gain of 1: scenes have no unit of light, so that
+/// streets and rooms are about equally bright.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Setting {
     /// How long light is gathered.

@@ -198,13 +198,17 @@ fn spots(view: &View<'_>, seen: &Seen<'_>, places: &Places) -> Spots {
         let [x, y, _] = &places.in_world;
         [lanes!(k => x[k] as f32), lanes!(k => y[k] as f32)]
     } else {
-        let [x, y, z] = &places.in_camera;
-        let c = &seen.corner;
-        [&seen.u, &seen.v].map(|edge| {
-            lanes!(k => {
-                ((x[k] - c.x) * edge.x + (y[k] - c.y) * edge.y + (z[k] - c.z) * edge.z) as f32
-            })
-        })
+        let (u, v) = (&seen.u, &seen.v);
+        let from_corner = [
+            lanes!(k => places.in_camera[0][k] - seen.corner.x),
+            lanes!(k => places.in_camera[1][k] - seen.corner.y),
+            lanes!(k => places.in_camera[2][k] - seen.corner.z),
+        ];
+        let [x, y, z] = &from_corner;
+        [
+            lanes!(k => (x[k] * u.x + y[k] * u.y + z[k] * u.z) as f32),
+            lanes!(k => (x[k] * v.x + y[k] * v.y + z[k] * v.z) as f32),
+        ]
     };
     Spots::new(at, seen.size, footprint)
 }
