@@ -1,6 +1,5 @@
 //! A few rows of a picture: which face each pixel shows, then the colours of each face's pixels together.
 
-use super::raster::BAND;
 use super::seen::Seen;
 use super::shade::{Batch, View};
 use crate::lanes::{LANES, lanes, vectorised};
@@ -41,7 +40,7 @@ impl<'a> Rows<'a> {
 pub(super) enum Ink<'a> {
     /// The colours that a camera makes of it.
     Developed(&'a mut [[u8; 3]]),
-    /// The light itself, as much as makes the camera's full scale being 1.
+    /// The light itself, before any exposure.
     Light(&'a mut [[f32; 3]]),
 }
 
@@ -55,7 +54,7 @@ pub(super) struct Scratch {
     /// Where the pixels of each face begin in `pixels`.
     begins: Vec<u32>,
     /// Row and column of each pixel, face by face.
-    pixels: Vec<[u16; 2]>,
+    pixels: Vec<[u32; 2]>,
     /// Where the next pixel of each face goes.
     next: Vec<u32>,
 }
@@ -77,10 +76,10 @@ pub(super) fn draw(
         for pixels in scratch.pixels[from..to].chunks(LANES) {
             // Lanes without a pixel repeat the last one.
             let pixel = lanes!(k => pixels[k.min(pixels.len() - 1)]);
-            let index = pixel.map(|[row, column]| usize::from(row) * width + usize::from(column));
+            let index = pixel.map(|[row, column]| row as usize * width + column as usize);
             let batch = Batch {
-                x: lanes!(k => view.columns[usize::from(pixel[k][1])]),
-                y: lanes!(k => view.rows[rows.top + usize::from(pixel[k][0])]),
+                x: lanes!(k => view.columns[pixel[k][1] as usize]),
+                y: lanes!(k => view.rows[rows.top + pixel[k][0] as usize]),
                 inverse: lanes!(k => scratch.inverse[index[k]]),
             };
             let index = &index[..pixels.len()];
@@ -178,5 +177,3 @@ fn fill(inverse: &mut [f64], which: &mut [u32], line: [f64; 2], from: usize, fac
     }
 }
 }
-
-const _: () = assert!(BAND <= u16::MAX as usize, "a row of a band is a u16");
