@@ -13,9 +13,15 @@
 //! - A. Grunnet-Jepsen et al., *Best-Known-Methods for Tuning Intel `RealSense` D400 Depth Cameras*, 2018 (RMS error).
 //! - K. Khoshelham and S. Oude Elberink, *Accuracy and Resolution of Kinect Depth Data*, Sensors 12(2), 2012, Eq. (10).
 
+#![expect(
+    clippy::inline_always,
+    reason = "loops over these become vector instructions only if all of them is in the loop"
+)]
+
 use maps::camera::{Pinhole, RgbdFrame};
 use rayon::prelude::*;
 
+use crate::lanes::{LANES, Lanes, lanes, vectorised};
 use crate::noise::{at_cell, floor, lerp, mix, normal, unit, value};
 use crate::render::Picture;
 
@@ -52,30 +58,53 @@ pub fn d455() -> Pinhole {
 /// What the camera delivers of what there is to be seen. Depth beyond `reach_m` is left out.
 pub fn expose(picture: &Picture, camera: &Pinhole, reach_m: f32, seed: u64) -> RgbdFrame {
     let moment = picture.at.as_nanos() ^ seed.rotate_left(32) ^ seed;
-    let focal_baseline = camera.fx as f32 * BASELINE_M;
     let sensor = Sensor {
         picture,
-        focal_baseline,
+        focal_baseline: camera.fx as f32 * BASELINE_M,
         reach_m,
-        hidden: shadows(picture, focal_baseline),
         seed: mix(mix(moment as u32) ^ (moment >> 32) as u32),
     };
-    let pixels = picture.width * picture.height;
-    let depth_m = (0..pixels)
-        .into_par_iter()
-        .map(|i| sensor.depth_m(i))
-        .collect();
-    let rgb = (0..pixels)
-        .into_par_iter()
-        .map(|i| sensor.colour(i))
-        .collect();
-    RgbdFrame {
+    let (width, pixels) = (picture.width.max(1), picture.width * picture.height);
+    let mut frame = RgbdFrame {
         at: picture.at,
         width: picture.width,
         height: picture.height,
-        rgb,
-        depth_m,
+        rgb: vec![[0; 3]; pixels],
+        depth_m: vec![0.0; pixels],
+    };
+    let rows = frame.rgb.par_chunks_mut(width);
+    let rows = rows.zip(frame.depth_m.par_chunks_mut(width)).enumerate();
+    rows.for_each_init(Vec::new, |hidden, (y, (rgb, depth_m))| {
+        sensor.hidden(y, hidden);
+        expose_row(&sensor, y, hidden, rgb, depth_m);
+    });
+    frame
+}
+
+vectorised! {
+fn expose_row(
+    sensor: &Sensor<'_>,
+    y: usize,
+    hidden: &[bool],
+    rgb: &mut [[u8; 3]],
+    depth_m: &mut [f32],
+) {
+    let last = signed(sensor.picture.width) - 1;
+    let chunks = rgb.chunks_mut(LANES).zip(depth_m.chunks_mut(LANES));
+    for (from, (rgb, depth_m)) in (0..).step_by(LANES).zip(chunks) {
+        // Lanes beyond the edge repeat its pixel.
+        let pixels = Pixels {
+            x: lanes!(k => (signed(from) + signed(k)).min(last)),
+            y: signed(y),
+        };
+        let measured = measured(sensor, &pixels, hidden);
+        depth_m.copy_from_slice(&measured[..depth_m.len()]);
+        let colours = coloured(sensor, &pixels);
+        for (k, rgb) in rgb.iter_mut().enumerate() {
+            *rgb = [colours[0][k], colours[1][k], colours[2][k]];
+        }
     }
+}
 }
 
 struct Sensor<'a> {
@@ -83,109 +112,135 @@ struct Sensor<'a> {
     /// Disparity in pixels times depth in metres.
     focal_baseline: f32,
     reach_m: f32,
-    hidden: Vec<bool>,
     seed: u32,
 }
 
-impl Sensor<'_> {
-    fn random(&self, i: usize, what: u32) -> u32 {
-        at_cell(signed(i), 0, self.seed ^ mix(what))
+/// Pixels of one row.
+struct Pixels {
+    x: Lanes<i32>,
+    y: i32,
+}
+
+impl Pixels {
+    #[inline(always)]
+    fn index(&self, k: usize, picture: &Picture) -> usize {
+        self.y as usize * picture.width + self.x[k] as usize
     }
 
-    fn true_depth(&self, x: i32, y: i32) -> f32 {
-        let x = x.clamp(0, signed(self.picture.width) - 1) as usize;
-        let y = y.clamp(0, signed(self.picture.height) - 1) as usize;
-        self.picture.depth_m[y * self.picture.width + x]
-    }
-
-    fn colour(&self, i: usize) -> [u8; 3] {
-        let mut channel = 20;
-        self.picture.rgb[i].map(|level| {
-            channel += 1;
-            let noisy = f32::from(level) + COLOUR_NOISE * normal(self.random(i, channel));
-            (noisy + 0.5).clamp(0.0, 255.0) as u8
-        })
-    }
-
-    /// In whole millimetres, as the camera reports it; 0 where it reports nothing.
-    fn depth_m(&self, i: usize) -> f32 {
-        let (x, y) = (
-            signed(i % self.picture.width),
-            signed(i / self.picture.width),
-        );
-        let seen = self.frayed(i, x, y);
-        if seen <= 0.0 || self.is_hole(i, seen) || self.hidden[i] {
-            return 0.0;
-        }
-        let window =
-            |what| normal_field(x as f32 / WINDOW, y as f32 / WINDOW, self.seed ^ mix(what));
-        let noise = DISPARITY_NOISE * (0.8 * window(3) + 0.6 * normal(self.random(i, 4)));
-        let measured = self.focal_baseline / (self.focal_baseline / seen + noise);
-        if !(NEAREST_M..=self.reach_m).contains(&measured) {
-            return 0.0;
-        }
-        f32::from((measured * 1000.0 + 0.5) as u16) / 1000.0
-    }
-
-    /// The depth that the matching window takes for this pixel's: near an edge, perhaps a neighbour's or a mixture.
-    fn frayed(&self, i: usize, x: i32, y: i32) -> f32 {
-        let wobble = |what| {
-            let noise = value(x as f32 / 3.0, y as f32 / 3.0, self.seed ^ mix(what));
-            floor((noise - 0.5) * 5.0 + 0.5)
-        };
-        let here = self.true_depth(x, y);
-        let there = self.true_depth(x + wobble(1), y + wobble(2));
-        let jump = (here - there).abs() > 0.05 * here.max(there);
-        if jump && here > 0.0 && there > 0.0 && self.random(i, 5).is_multiple_of(6) {
-            // A flying pixel between foreground and background.
-            return lerp(here, there, unit(self.random(i, 6)));
-        }
-        there
-    }
-
-    /// No match: too slanted, or too little light from afar.
-    fn is_hole(&self, i: usize, depth_m: f32) -> bool {
-        let (x, y) = (
-            (i % self.picture.width) as f32,
-            (i / self.picture.width) as f32,
-        );
-        let patch = value(x / 9.0, y / 9.0, self.seed ^ mix(7));
-        let lost = 0.05 + 0.09 * (depth_m / self.reach_m).powi(2);
-        self.picture.facing[i] < GRAZING || patch < lost || unit(self.random(i, 8)) < 0.004
+    /// Smooth noise with cells of so many pixels, in `0.0..1.0`.
+    #[inline(always)]
+    fn value(&self, cell: f32, seed: u32) -> Lanes {
+        let x = lanes!(k => self.x[k] as f32 / cell);
+        let y = self.y as f32 / cell;
+        lanes!(k => value(x[k], y, seed))
     }
 }
 
-/// Which pixels the right imager does not see, because something nearer to the right of them hides them.
-///
-/// A pixel at column `u` appears in the right image at `u - d`. It is hidden if a pixel further right appears to the
-/// left of it there: the largest disparity-minus-column so far, from the right, decides.
-fn shadows(picture: &Picture, focal_baseline: f32) -> Vec<bool> {
-    let mut hidden = vec![false; picture.depth_m.len()];
-    let rows = hidden.par_chunks_mut(picture.width.max(1));
-    let depths = picture.depth_m.par_chunks(picture.width.max(1));
-    rows.zip(depths).for_each(|(hidden, depths)| {
+impl Sensor<'_> {
+    #[inline(always)]
+    fn random(&self, pixels: &Pixels, what: u32) -> Lanes<u32> {
+        let seed = self.seed ^ mix(what);
+        let first = pixels.y.wrapping_mul(signed(self.picture.width));
+        lanes!(k => at_cell(first.wrapping_add(pixels.x[k]), 0, seed))
+    }
+
+    /// Which pixels of a row the right imager does not see, because something nearer to the right of them hides them.
+    ///
+    /// A pixel at column `u` appears in the right image at `u - d`. It is hidden if a pixel further right appears to the
+    /// left of it there: the largest disparity-minus-column so far, from the right, decides.
+    fn hidden(&self, y: usize, hidden: &mut Vec<bool>) {
+        let width = self.picture.width;
+        hidden.clear();
+        hidden.resize(width, false);
+        let depths = &self.picture.depth_m[y * width..][..width];
         let mut foremost = f32::NEG_INFINITY;
         for (column, (hidden, &depth_m)) in hidden.iter_mut().zip(depths).enumerate().rev() {
             if depth_m > 0.0 {
-                let place = focal_baseline / depth_m - column as f32;
+                let place = self.focal_baseline / depth_m - column as f32;
                 // A pixel of tolerance: surfaces at a slant do not hide themselves.
                 *hidden = foremost > place + 1.0;
                 foremost = foremost.max(place);
             }
         }
-    });
-    hidden
+    }
+
+    /// The depth that the matching window takes for a pixel's: near an edge, perhaps a neighbour's or a mixture.
+    #[inline(always)]
+    fn frayed(&self, pixels: &Pixels) -> Lanes {
+        let picture = self.picture;
+        // No closures here, which may stay calls; see `lanes!`.
+        let right = pixels.value(3.0, self.seed ^ mix(1));
+        let down = pixels.value(3.0, self.seed ^ mix(2));
+        let wobble = |noise: f32| floor((noise - 0.5) * 5.0 + 0.5);
+        let (last_x, last_y) = (signed(picture.width) - 1, signed(picture.height) - 1);
+        let x = lanes!(k => (pixels.x[k] + wobble(right[k])).clamp(0, last_x) as usize);
+        let y = lanes!(k => (pixels.y + wobble(down[k])).clamp(0, last_y) as usize);
+        let here = lanes!(k => picture.depth_m[pixels.index(k, picture)]);
+        let there = lanes!(k => picture.depth_m[y[k] * picture.width + x[k]]);
+        let (chance, share) = (self.random(pixels, 5), self.random(pixels, 6));
+        lanes!(k => {
+            let is_jump = (here[k] - there[k]).abs() > 0.05 * here[k].max(there[k]);
+            let is_between = is_jump && here[k] > 0.0 && there[k] > 0.0;
+            // A flying pixel between foreground and background.
+            let flies = is_between && chance[k].is_multiple_of(6);
+            let mixed = lerp(here[k], there[k], unit(share[k]));
+            if flies { mixed } else { there[k] }
+        })
+    }
+
+    /// No match: too slanted, or too little light from afar.
+    #[inline(always)]
+    fn holes(&self, pixels: &Pixels, depth_m: &Lanes) -> Lanes<bool> {
+        let patch = pixels.value(9.0, self.seed ^ mix(7));
+        let speck = self.random(pixels, 8);
+        let facing = lanes!(k => self.picture.facing[pixels.index(k, self.picture)]);
+        lanes!(k => {
+            let far = depth_m[k] / self.reach_m;
+            let lost = 0.05 + 0.09 * (far * far);
+            facing[k] < GRAZING || patch[k] < lost || unit(speck[k]) < 0.004
+        })
+    }
+}
+
+/// In whole millimetres, as the camera reports it; 0 where it reports nothing.
+#[inline(always)]
+fn measured(sensor: &Sensor<'_>, pixels: &Pixels, hidden: &[bool]) -> Lanes {
+    let seen = sensor.frayed(pixels);
+    let holes = sensor.holes(pixels, &seen);
+    // Neighbours share what their windows have in common.
+    let window = pixels.value(WINDOW, sensor.seed ^ mix(3));
+    let own = sensor.random(pixels, 4);
+    let (fb, reach_m) = (sensor.focal_baseline, sensor.reach_m);
+    lanes!(k => {
+        // The mean of a lattice blend is 1/2; its standard deviation about 0.21 on average over a cell.
+        let shared = (window[k] - 0.5) / 0.21;
+        let noise = DISPARITY_NOISE * (0.8 * shared + 0.6 * normal(own[k]));
+        let measured = fb / (fb / seen[k] + noise);
+        let is_lost = seen[k] <= 0.0 || holes[k] || hidden[pixels.x[k] as usize];
+        let is_within = measured >= NEAREST_M && measured <= reach_m;
+        let millimetres = floor((measured * 1000.0 + 0.5).min(65_535.0));
+        if is_within && !is_lost { millimetres as f32 / 1000.0 } else { 0.0 }
+    })
+}
+
+#[inline(always)]
+fn coloured(sensor: &Sensor<'_>, pixels: &Pixels) -> [Lanes<u8>; 3] {
+    let rgb = lanes!(k => sensor.picture.rgb[pixels.index(k, sensor.picture)]);
+    let mut colours = [[0; LANES]; 3];
+    for (c, what) in (0..3).zip(21..) {
+        let random = sensor.random(pixels, what);
+        for k in 0..LANES {
+            let noisy = f32::from(rgb[k][c]) + COLOUR_NOISE * normal(random[k]);
+            colours[c][k] = floor((noisy + 0.5).clamp(0.0, 255.0)) as u8;
+        }
+    }
+    colours
 }
 
 /// An index or size as a coordinate. No picture has two billion pixels.
+#[inline(always)]
 fn signed(n: usize) -> i32 {
-    i32::try_from(n).unwrap_or(i32::MAX)
-}
-
-/// Smooth noise of about unit variance.
-fn normal_field(x: f32, y: f32, seed: u32) -> f32 {
-    // The mean of a lattice blend is 1/2; its standard deviation about 0.21 on average over a cell.
-    (value(x, y, seed) - 0.5) / 0.21
+    (n as u32).cast_signed()
 }
 
 #[cfg(test)]

@@ -1,7 +1,7 @@
 //! A simulated world: scene, cameras, vehicles and their autopilots.
 //!
 //! - [`scene`]: a room and five kinds of streets, generated from a seed; [`traffic`]: who moves in a street.
-//! - [`render`], [`rays`]: what cameras and rays meet; [`depth_camera`], [`lidar`]: what sensors make of it.
+//! - [`render`], [`rays`]: what cameras and rays meet; [`camera_model`], [`depth_camera`], [`lidar`]: what sensors make of it.
 //! - [`platform`], [`flight`], [`way`]: where the sensors are; [`truth`]: what is really there; [`palette`], [`poster`]: all of it to look at.
 //! - [`rig`]: all sensors of both vehicles, message by message; [`record`]: the same in a file.
 //! - [`dataset`]: training data of both vehicles, with truth.
@@ -17,9 +17,11 @@
 
 pub mod autopilot;
 pub mod bridge;
+pub mod camera_model;
 pub mod dataset;
 pub mod depth_camera;
 pub mod flight;
+mod lanes;
 pub mod lidar;
 pub mod link;
 pub mod live;

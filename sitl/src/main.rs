@@ -16,6 +16,7 @@ use anyhow::Context as _;
 use clap::{Args, Parser, Subcommand};
 use maps::time::Stamp;
 use sitl::bridge;
+use sitl::camera_model::Optics;
 use sitl::dataset;
 use sitl::link::Profile;
 use sitl::poster::{Canvas, poster};
@@ -91,6 +92,9 @@ struct RunArgs {
     /// A script of what breaks when, a line each: TIME SENSOR off|frozen|noise FACTOR|delay SECONDS [SPAN].
     #[arg(long, value_name = "FILE")]
     faults: Option<PathBuf>,
+    /// What cameras make of the light.
+    #[arg(long, value_enum, default_value = "ideal")]
+    optics: OpticsKind,
     /// The vehicles' clocks.
     #[arg(long, value_enum, default_value = "ideal")]
     clocks: Clocks,
@@ -131,6 +135,27 @@ struct RunArgs {
     /// Writes what truly happened, as JSON, at the end.
     #[arg(long, value_name = "FILE")]
     report: Option<PathBuf>,
+}
+
+/// What cameras make of the light.
+#[derive(Clone, Copy, clap::ValueEnum)]
+enum OpticsKind {
+    /// All rows at once, sharp.
+    Ideal,
+    /// All rows at once, with blur, noise and automatic exposure.
+    Global,
+    /// One row after the other, with blur, noise and automatic exposure.
+    Rolling,
+}
+
+impl OpticsKind {
+    fn optics(self) -> Optics {
+        match self {
+            Self::Ideal => Optics::IDEAL,
+            Self::Global => Optics::GLOBAL_SHUTTER,
+            Self::Rolling => Optics::ROLLING_SHUTTER,
+        }
+    }
 }
 
 /// How good the vehicles' clocks are.
@@ -206,7 +231,8 @@ fn execute() -> anyhow::Result<()> {
 }
 
 fn start_log(level: &str) {
-    let filter = EnvFilter::try_from_default_env().unwrap_or_else(|_unset| EnvFilter::new(format!("{level},zenoh=warn")));
+    let filter = EnvFilter::try_from_default_env()
+        .unwrap_or_else(|_unset| EnvFilter::new(format!("{level},zenoh=warn")));
     tracing_subscriber::fmt()
         .with_env_filter(filter)
         .with_writer(std::io::stderr)
@@ -237,6 +263,7 @@ fn execute_run(args: RunArgs) -> anyhow::Result<()> {
     let mut setup = Setup::new(args.scene, args.seed, args.origin);
     setup.clocks = args.clocks.models();
     setup.masks = args.masks;
+    setup.optics = args.optics.optics();
     if !args.aboard.is_empty() {
         setup.aboard = args.aboard;
     }
@@ -279,7 +306,7 @@ fn execute_run(args: RunArgs) -> anyhow::Result<()> {
     let watched = !args.headless && settings.has_links() && std::io::stderr().is_terminal();
     let scene = (settings.setup.scene, settings.setup.seed);
     let for_window = inbox.clone();
-    let mut work = move |mut teller: Option<view::Teller>| {
+    let work = move |mut teller: Option<view::Teller>| {
         let report = run(&settings, (&inbox, &events), clock, |simulation| {
             if watched {
                 line.show(simulation);

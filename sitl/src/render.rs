@@ -11,8 +11,11 @@
 //!
 //! - J. Burns and W. Hunt, *The Visibility Buffer: A Cache-Friendly Approach to Deferred Shading*, JCGT 2(2), 2013.
 
+mod band;
 pub mod diorama;
 mod raster;
+mod scan;
+mod seen;
 mod shade;
 mod shadow;
 
@@ -22,16 +25,19 @@ use std::sync::Arc;
 use maps::camera::Pinhole;
 use maps::frame::{Camera, Isometry, World};
 use maps::time::Stamp;
-use nalgebra::Vector3;
 use rayon::prelude::*;
 
 use crate::scene::{Face, Instance, Light, Scene};
-use raster::{BAND, Outline, Polygon, bands};
-use shade::{Pixel, View};
-use shadow::ShadowMap;
+pub use scan::{PoseAt, Radiance, Readout};
 
-/// Surfaces nearer than this are not drawn.
-const NEAR_M: f64 = 0.05;
+use band::{Ink, Rows, Scratch};
+use raster::{BAND, Outline, bands};
+use seen::{Bound, Frustum, Seen};
+use shade::View;
+use shadow::{ShadowMap, Shadows};
+
+/// Faces that are looked at together.
+const FACES: usize = 512;
 
 /// What an ideal camera sees.
 #[derive(Clone, Debug, PartialEq)]
@@ -56,6 +62,7 @@ pub struct Picture {
 #[derive(Clone, Debug)]
 pub struct Stage<'a> {
     scene: &'a Scene,
+    bounds: Arc<Vec<Bound>>,
     shadows: Option<Arc<ShadowMap>>,
 }
 
@@ -70,23 +77,23 @@ impl<'a> Stage<'a> {
                 Some(Arc::new(map))
             }
         };
-        Self { scene, shadows }
+        Self {
+            scene,
+            bounds: Arc::new(scene.still().iter().map(Bound::of).collect()),
+            shadows,
+        }
     }
 
     /// The scene at one moment, for as many cameras as look at it.
     pub fn at(&self, at: Stamp) -> Moment<'a> {
         let moving = self.scene.moving(at);
-        let mut shadows = self.shadows.clone();
-        if let Some(shadows) = &mut shadows
-            && !moving.is_empty()
-        {
-            Arc::make_mut(shadows).draw(&moving);
-        }
+        let shadows = self.shadows.clone();
         Moment {
             scene: self.scene,
             at,
+            bounds: Arc::clone(&self.bounds),
+            shadows: shadows.map(|still| Shadows::new(still, &moving)),
             moving,
-            shadows,
         }
     }
 }
@@ -96,8 +103,9 @@ impl<'a> Stage<'a> {
 pub struct Moment<'a> {
     scene: &'a Scene,
     at: Stamp,
+    bounds: Arc<Vec<Bound>>,
     moving: Vec<Face>,
-    shadows: Option<Arc<ShadowMap>>,
+    shadows: Option<Shadows>,
 }
 
 impl Moment<'_> {
@@ -142,31 +150,71 @@ impl Moment<'_> {
 
     /// What a camera sees from there. The lens distortion is not applied: a simulated lens has none.
     pub fn picture(&self, camera: &Pinhole, world_from_camera: Isometry<World, Camera>) -> Picture {
-        let camera_from_world = world_from_camera.inverse();
-        let seen: Vec<Seen<'_>> = self
-            .faces()
-            .filter_map(|face| Seen::new(face, camera, &camera_from_world))
-            .collect();
+        let seen = self.seen(camera, world_from_camera);
         let outlines: Vec<_> = seen.iter().map(|seen| &seen.outline).collect();
         let bands = bands(&outlines, camera.height);
         let view = View::new(self, camera, world_from_camera);
-        let mut pixels = vec![Pixel::default(); camera.width * camera.height];
-        pixels
-            .par_chunks_mut((camera.width * BAND).max(1))
+        let mut picture = Picture::empty(self.at, camera);
+        picture
+            .bands(camera.width * BAND)
             .zip(&bands)
-            .enumerate()
-            .for_each(|(band, (pixels, faces))| {
-                draw(&view, band * BAND, pixels, &seen, faces);
+            .for_each_init(Scratch::default, |scratch, (mut rows, faces)| {
+                band::draw(&view, &mut rows, scratch, &seen, faces);
             });
-        Picture {
-            at: self.at,
+        picture
+    }
+
+    /// The faces that a camera sees, hidden ones among them, in their order.
+    fn seen(&self, camera: &Pinhole, world_from_camera: Isometry<World, Camera>) -> Vec<Seen<'_>> {
+        let camera_from_world = world_from_camera.inverse();
+        let frustum = Frustum::of(camera, world_from_camera);
+        let seen = |face| Seen::new(face, camera, &camera_from_world);
+        let still = self.scene.still().par_chunks(FACES);
+        let still = still.zip(self.bounds.par_chunks(FACES));
+        let still = still.flat_map_iter(|(faces, bounds)| {
+            let pairs = faces.iter().zip(bounds);
+            let may_be_seen = pairs.filter(|(_, bound)| frustum.may_see(bound));
+            may_be_seen.filter_map(|(face, _)| seen(face))
+        });
+        let moving = self.moving.par_chunks(FACES).flat_map_iter(|faces| {
+            let may_be_seen = faces
+                .iter()
+                .filter(|face| frustum.may_see(&Bound::of(face)));
+            may_be_seen.filter_map(seen)
+        });
+        still.chain(moving).collect()
+    }
+}
+
+impl Picture {
+    /// Nothing, as seen by a camera.
+    fn empty(at: Stamp, camera: &Pinhole) -> Self {
+        let pixels = camera.width * camera.height;
+        Self {
+            at,
             width: camera.width,
             height: camera.height,
-            rgb: pixels.iter().map(|pixel| pixel.rgb).collect(),
-            depth_m: pixels.iter().map(|pixel| pixel.depth_m).collect(),
-            facing: pixels.iter().map(|pixel| pixel.facing).collect(),
-            instance: pixels.iter().map(|pixel| pixel.instance).collect(),
+            rgb: vec![[0; 3]; pixels],
+            depth_m: vec![0.0; pixels],
+            facing: vec![0.0; pixels],
+            instance: vec![Instance::NOTHING; pixels],
         }
+    }
+
+    /// Its pixels in so many at a time, to be drawn.
+    fn bands(&mut self, pixels: usize) -> impl IndexedParallelIterator<Item = Rows<'_>> {
+        let pixels = pixels.max(1);
+        let truth = self.depth_m.par_chunks_mut(pixels);
+        let truth = truth.zip(self.facing.par_chunks_mut(pixels));
+        let truth = truth.zip(self.instance.par_chunks_mut(pixels));
+        let bands = self.rgb.par_chunks_mut(pixels).zip(truth).enumerate();
+        bands.map(|(band, (rgb, ((depth_m, facing), instance)))| Rows {
+            top: band * BAND,
+            ink: Ink::Developed(rgb),
+            depth_m,
+            facing,
+            instance,
+        })
     }
 }
 
@@ -178,117 +226,6 @@ pub fn render(
     world_from_camera: Isometry<World, Camera>,
 ) -> Picture {
     Stage::new(scene).at(at).picture(camera, world_from_camera)
-}
-
-/// A band of rows of which the first is `top`, in which these faces are seen.
-fn draw<'a>(
-    view: &View<'_>,
-    top: usize,
-    pixels: &mut [Pixel],
-    seen: &'a [Seen<'a>],
-    faces: &[u32],
-) {
-    let width = view.camera.width;
-    let mut inverse = vec![0.0_f64; width];
-    let mut visible: Vec<Option<&Seen<'_>>> = vec![None; width];
-    for (row, pixels) in (top..).zip(pixels.chunks_mut(width)) {
-        inverse.fill(0.0);
-        visible.fill(None);
-        for seen in faces.iter().map(|face| &seen[*face as usize]) {
-            let Some(columns) = seen.outline.span(row as f64, width) else {
-                continue;
-            };
-            let [a, b, c] = seen.inverse;
-            let at_row = b * row as f64 + c;
-            for column in columns {
-                let here = a * column as f64 + at_row;
-                if here > inverse[column] {
-                    (inverse[column], visible[column]) = (here, Some(seen));
-                }
-            }
-        }
-        for (column, pixel) in pixels.iter_mut().enumerate() {
-            let at = [column as f64, row as f64];
-            *pixel = match visible[column] {
-                Some(seen) => view.surface(at, 1.0 / inverse[column], seen),
-                None => view.sky(at),
-            };
-        }
-    }
-}
-
-/// A face as the camera sees it: its outline in pixels and its plane as inverse depth.
-struct Seen<'a> {
-    face: &'a Face,
-    outline: Outline,
-    /// `1/z = inverse · (u, v, 1)`.
-    inverse: [f64; 3],
-    corner: Vector3<f64>,
-    u: Vector3<f64>,
-    v: Vector3<f64>,
-    normal: Vector3<f64>,
-    size: [f32; 2],
-}
-
-impl<'a> Seen<'a> {
-    /// `None` for a face that shows its back, or lies behind the camera or beside the picture.
-    fn new(
-        face: &'a Face,
-        camera: &Pinhole,
-        camera_from_world: &Isometry<Camera, World>,
-    ) -> Option<Self> {
-        let corner = (*camera_from_world * face.corner).raw.coords;
-        let edge_u = (*camera_from_world * face.edge_u).raw;
-        let edge_v = (*camera_from_world * face.edge_v).raw;
-        let normal = edge_u.cross(&edge_v).normalize();
-        let distance = normal.dot(&corner);
-        // A face without area has no normal.
-        if distance.is_nan() || distance >= -1e-9 {
-            return None;
-        }
-        let [left, right] = face.top.map(|share| corner + edge_u * share + edge_v);
-        let corners = [corner, corner + edge_u, right, left];
-        let in_front = clip_near(&corners)?;
-        let outline = Outline::of(in_front.map(|p| {
-            [
-                camera.fx * p.x / p.z + camera.cx,
-                camera.fy * p.y / p.z + camera.cy,
-            ]
-        }));
-        if !outline.is_within(camera.width, camera.height) {
-            return None;
-        }
-        let (x, y) = (
-            normal.x / distance / camera.fx,
-            normal.y / distance / camera.fy,
-        );
-        let offset = normal.z / distance - x * camera.cx - y * camera.cy;
-        Some(Self {
-            face,
-            outline,
-            inverse: [x, y, offset],
-            corner,
-            u: edge_u.normalize(),
-            v: edge_v.normalize(),
-            normal,
-            size: [edge_u.norm() as f32, edge_v.norm() as f32],
-        })
-    }
-}
-
-/// The part of a convex polygon in front of the near plane (Sutherland and Hodgman, one plane).
-fn clip_near(corners: &[Vector3<f64>; 4]) -> Option<Polygon<Vector3<f64>>> {
-    let mut inside = Polygon::default();
-    for (i, &from) in corners.iter().enumerate() {
-        let to = corners[(i + 1) % corners.len()];
-        if from.z >= NEAR_M {
-            inside.push(from);
-        }
-        if (from.z >= NEAR_M) != (to.z >= NEAR_M) {
-            inside.push(from + (to - from) * ((NEAR_M - from.z) / (to.z - from.z)));
-        }
-    }
-    (inside.len() >= 3).then_some(inside)
 }
 
 #[cfg(test)]

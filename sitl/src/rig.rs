@@ -33,6 +33,7 @@ use maps::time::Stamp;
 use sensors::message::Message;
 use sensors::ros::{Schema, restamp};
 
+use crate::camera_model::{Optics, OpticsError};
 use crate::platform::Platform;
 use crate::scene::{Name, Scene};
 use crate::sensor::child_seed;
@@ -56,6 +57,8 @@ pub struct Setup {
     pub clocks: [ClockModel; 2],
     /// What breaks when.
     pub faults: FaultScript,
+    /// What cameras make of the light.
+    pub optics: Optics,
     /// Whether the drone's instance and class images are written, as PNG.
     pub masks: bool,
 }
@@ -74,6 +77,7 @@ impl Setup {
             aboard,
             clocks: [ClockModel::IDEAL; 2],
             faults: FaultScript::default(),
+            optics: Optics::IDEAL,
             masks: false,
         }
     }
@@ -201,6 +205,9 @@ pub enum RigError {
     /// The script of faults names a sensor that is not aboard.
     #[error("faults")]
     Faults(#[from] FaultError),
+    /// Cameras that cannot be built.
+    #[error(transparent)]
+    Optics(#[from] OpticsError),
 }
 
 impl<'a> Rig<'a> {
@@ -298,7 +305,7 @@ fn mount(setup: &Setup) -> Result<Vec<Mounted>, RigError> {
     for platform in Platform::ALL {
         let sensors = [
             body::of(platform, setup),
-            camera::of(platform, setup),
+            camera::of(platform, setup)?,
             scan::of(platform, setup),
         ];
         let sensors: Vec<_> = sensors.into_iter().flatten().collect();

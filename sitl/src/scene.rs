@@ -24,7 +24,8 @@ use crate::way::Way;
 pub use class::Class;
 pub(crate) use light::Daylight;
 pub use light::{Light, Sun};
-pub use material::{Material, Spot};
+pub use material::Material;
+pub(crate) use material::{Colours, Spots};
 pub(crate) use room::CENTRE as ROOM_CENTRE;
 pub(crate) use shape::Block;
 pub use walker::Walker;
@@ -185,6 +186,19 @@ impl Scene {
     /// The way of a vehicle that has its own.
     pub(crate) fn way(&self, platform: Platform) -> Option<&Way> {
         self.ways[platform as usize].as_deref()
+    }
+
+    /// Faces that stand in a light, for tests.
+    #[cfg(test)]
+    pub(crate) fn of(still: Vec<Face>, light: Light) -> Self {
+        Self {
+            still,
+            things: Vec::new(),
+            walkers: Vec::new(),
+            street: None,
+            light,
+            ways: [None, None],
+        }
     }
 
     /// The faces of all that stands still.

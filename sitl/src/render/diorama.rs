@@ -15,9 +15,10 @@ use nalgebra::{Point3, Vector3};
 use rayon::prelude::*;
 
 use super::Stage;
-use super::shade::{developed, lamplight};
-use super::shadow::ShadowMap;
-use crate::scene::{Daylight, Face, Light, Material, Scene, Spot};
+use super::shade::{developed, lamplit};
+use super::shadow::Shadows;
+use crate::lanes::{LANES, Lanes};
+use crate::scene::{Colours, Daylight, Face, Light, Material, Scene, Spots, Sun};
 
 pub use atlas::Texture;
 use atlas::{Patch, WHITE};
@@ -73,14 +74,14 @@ pub struct Diorama {
 #[derive(Clone, Debug)]
 enum Lit {
     Lamps(Vec<Point3<f64>>),
-    Sun(crate::scene::Sun, Arc<ShadowMap>),
+    Sun(Sun, Shadows),
 }
 
 impl Diorama {
     /// Bakes a scene.
     pub fn new(stage: &Stage<'_>) -> Self {
         let light = match (stage.scene.light(), &stage.shadows) {
-            (Light::Sun(sun), Some(shadows)) => Lit::Sun(*sun, Arc::clone(shadows)),
+            (Light::Sun(sun), Some(still)) => Lit::Sun(*sun, Shadows::new(Arc::clone(still), &[])),
             (Light::Lamps(lamps), _) => {
                 Lit::Lamps(lamps.iter().map(|lamp| Point3::from(*lamp)).collect())
             }
@@ -90,9 +91,8 @@ impl Diorama {
         let faces = stage.scene.still();
         let areas: Vec<_> = faces.iter().map(area_m2).collect();
         let (patches, texel_m) = atlas::lay_out(faces, |i| areas[i] >= SMALL_M2);
-        let atlas = atlas::paint(&patches, |patch, share| {
-            let face = &faces[patch.face];
-            light.colour(face, Place::of(face, share), patch.texel_m as f32)
+        let atlas = atlas::paint(&patches, |patch, shares| {
+            light.colours(&faces[patch.face], shares, patch.texel_m as f32)
         });
         let mut uvs: Vec<Option<&Patch>> = vec![None; faces.len()];
         for patch in &patches {
@@ -108,7 +108,7 @@ impl Diorama {
             Lit::Lamps(_) => (AROUND, 0.0),
             Lit::Sun(sun, _) => {
                 let air = [0, 1, 2].map(|c| sun.sky[c] * 1.25 + sun.direct[c] * 0.06);
-                (developed(air, sun.exposure), sun.haze)
+                (one(&developed(&every(air), sun.exposure)), sun.haze)
             }
         };
         Self {
@@ -126,77 +126,71 @@ impl Diorama {
     pub fn moving(&self, scene: &Scene, at: Stamp) -> Vec<Vertex> {
         let faces = scene.moving(at);
         let vertices = faces.par_iter().flat_map_iter(|face| {
-            let colour = self.light.colour(face, Place::middle(face), 0.3);
+            let colour = self.light.colour(face, middle(face), 0.3);
             triangles(face, |_| (WHITE, opaque(colour)))
         });
         vertices.collect()
     }
 }
 
-/// A place on a face.
-#[derive(Clone, Copy)]
-struct Place {
-    /// As shares of its edges.
-    share: [f64; 2],
-    at: Point3<f64>,
-}
-
-impl Place {
-    fn of(face: &Face, share: [f64; 2]) -> Self {
-        let at = face.corner.raw + face.edge_u.raw * share[0] + face.edge_v.raw * share[1];
-        Self { share, at }
-    }
-
-    fn middle(face: &Face) -> Self {
-        Self::of(face, [0.25 + 0.25 * (face.top[0] + face.top[1]), 0.5])
-    }
+/// The middle of a face, as shares of its edges.
+fn middle(face: &Face) -> [f64; 2] {
+    [0.25 + 0.25 * (face.top[0] + face.top[1]), 0.5]
 }
 
 impl Lit {
-    /// The colour of a face at a place, the mean over a `footprint` in metres.
-    fn colour(&self, face: &Face, place: Place, footprint: f32) -> [u8; 3] {
+    /// The colour of a face at a place, given as shares of its edges: the mean over a `footprint` in metres.
+    fn colour(&self, face: &Face, share: [f64; 2], footprint: f32) -> [u8; 3] {
+        self.colours(face, &[share; LANES], footprint)[0]
+    }
+
+    /// The same at several places.
+    fn colours(&self, face: &Face, shares: &[[f64; 2]; LANES], footprint: f32) -> Lanes<[u8; 3]> {
         let size = [face.edge_u.raw.norm(), face.edge_v.raw.norm()];
-        let [u, v] = if face.material.follows_the_world() {
-            [place.at.x, place.at.y]
+        let places =
+            shares.map(|[s, t]| face.corner.raw + face.edge_u.raw * s + face.edge_v.raw * t);
+        let places = [0, 1, 2].map(|axis| places.map(|place| place[axis]));
+        let along = if face.material.follows_the_world() {
+            [0, 1].map(|axis| places[axis].map(|metres| metres as f32))
         } else {
-            [0, 1].map(|i| place.share[i] * size[i])
+            [0, 1].map(|edge| shares.map(|share| (share[edge] * size[edge]) as f32))
         };
-        let reflectance = face.material.reflectance(Spot {
-            u: u as f32,
-            v: v as f32,
-            size: size.map(|m| m as f32),
-            footprint,
-        });
+        let spots = Spots::new(along, size.map(|m| m as f32), [footprint; LANES]);
+        let reflectance = face.material.reflectance(&spots);
         let normal = face.edge_u.raw.cross(&face.edge_v.raw);
         let normal = normal.try_normalize(1e-12).unwrap_or(Vector3::z());
-        match self {
-            Self::Lamps(lamps) => {
-                let light = lamplight(lamps, &place.at.coords, &normal);
-                developed(reflectance.map(|share| share * light), 1.0)
-            }
+        let levels = match self {
+            Self::Lamps(lamps) => developed(&lamplit(lamps, &places, &normal, &reflectance), 1.0),
             Self::Sun(sun, shadows) => {
                 let day = Daylight::of(sun);
+                let falling = day.on(&normal);
                 let is_lit = normal.dot(&day.towards) > 0.0;
                 let sunlit = if is_lit {
-                    shadows.sunlit(place.at, &normal)
+                    shadows.sunlit(&places, &normal)
                 } else {
-                    0.0
+                    [0.0; LANES]
                 };
-                let light = day.on(&normal, sunlit);
-                let colour = [0, 1, 2].map(|c| reflectance[c] * light[c]);
-                let colour = mirrored(face.material, &day, &normal, colour);
-                developed(colour, sun.exposure)
+                let mut colours = reflectance;
+                for (k, sunlit) in sunlit.into_iter().enumerate() {
+                    let light = day.light(falling, sunlit);
+                    for c in 0..3 {
+                        colours[c][k] *= light[c];
+                    }
+                }
+                let colours = mirrored(face.material, &day, &normal, colours);
+                developed(&colours, sun.exposure)
             }
-        }
+        };
+        std::array::from_fn(|k| [levels[0][k], levels[1][k], levels[2][k]])
     }
 
     /// A face with a colour at each corner.
     fn plain(&self, face: &Face, footprint: f32) -> Vec<Vertex> {
         triangles(face, |share| {
             // A little inwards: corners of what stands on the ground would lie in its shadow.
-            let middle = Place::middle(face).share;
+            let middle = middle(face);
             let inner = [0, 1].map(|i| share[i] + 0.2 * (middle[i] - share[i]));
-            let colour = self.colour(face, Place::of(face, inner), footprint);
+            let colour = self.colour(face, inner, footprint);
             (WHITE, opaque(colour))
         })
     }
@@ -215,8 +209,8 @@ impl Lit {
             for (column, pixel) in pixels.iter_mut().enumerate() {
                 let azimuth = (column as f64 + 0.5) / width as f64 * std::f64::consts::TAU;
                 let (north, east) = azimuth.sin_cos();
-                let direction = Vector3::new(flat * east, flat * north, up);
-                *pixel = opaque(developed(day.sky_towards(&direction), sun.exposure));
+                let sky = day.sky_towards(&every([flat * east, flat * north, up]));
+                *pixel = opaque(one(&developed(&sky, sun.exposure)));
             }
         });
         sky
@@ -228,15 +222,30 @@ fn mirrored(
     material: Material,
     day: &Daylight<'_>,
     normal: &Vector3<f64>,
-    colour: [f32; 3],
-) -> [f32; 3] {
+    mut colours: Colours,
+) -> Colours {
     let share = 1.4 * material.gloss();
     if share <= 0.0 {
-        return colour;
+        return colours;
     }
     let towards = (normal + Vector3::z() * 0.6).normalize();
-    let sky = day.sky_towards(&towards);
-    [0, 1, 2].map(|c| colour[c] + (sky[c] - colour[c]) * share)
+    let sky = day.sky_towards(&every(towards.into()));
+    for (levels, sky) in colours.iter_mut().zip(sky) {
+        for level in levels {
+            *level += (sky[0] - *level) * share;
+        }
+    }
+    colours
+}
+
+/// The same in every lane.
+fn every<T: Copy>(values: [T; 3]) -> [Lanes<T>; 3] {
+    values.map(|value| [value; LANES])
+}
+
+/// The first lane.
+fn one<T: Copy>(lanes: &[Lanes<T>; 3]) -> [T; 3] {
+    [0, 1, 2].map(|c| lanes[c][0])
 }
 
 fn opaque([r, g, b]: [u8; 3]) -> [u8; 4] {

@@ -73,6 +73,17 @@ impl Outline {
         band(self.rows[0])..(band(self.rows[1]) + 1).min(height.div_ceil(BAND))
     }
 
+    /// Whether it may have pixels in a row.
+    pub(super) fn is_in_row(&self, row: usize) -> bool {
+        (self.rows[0]..=self.rows[1]).contains(&(row as f64))
+    }
+
+    /// The rows of a picture of this height that it touches.
+    pub(super) fn rows_within(&self, height: usize) -> Range<usize> {
+        let row = |row: f64| row.clamp(0.0, height as f64) as usize;
+        row(self.rows[0])..(row(self.rows[1]) + 1).min(height)
+    }
+
     /// The pixels of a row whose centres lie within the outline.
     pub(super) fn span(&self, row: f64, width: usize) -> Option<Range<usize>> {
         if row < self.rows[0] || row > self.rows[1] {

@@ -1,8 +1,13 @@
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, Vector3};
 
+use super::seen::{NEAR_M, Sway, clip_near};
+use super::shadow::{ShadowMap, Shadows};
 use super::*;
 use crate::depth_camera::d455;
 use crate::flight;
+use crate::lanes::lanes;
+use crate::noise::{at_cell, unit};
+use crate::platform;
 use crate::scene::Name;
 
 #[test]
@@ -97,4 +102,63 @@ fn the_pose_of_the_camera_is_where_it_was_asked_to_be() {
     let picture = render(&scene, Stamp::ZERO, &camera, pose);
     let centre = picture.depth_m[(camera.height / 2) * camera.width + camera.width / 2];
     assert!((centre - 2.0).abs() < 1e-3, "{centre} m");
+}
+
+#[test]
+fn no_face_that_can_be_seen_is_left_out_by_the_ball_around_it() {
+    let scene = Scene::generate(Name::SuburbanRoad, 1);
+    let camera = d455();
+    let faces = scene.still();
+    let bounds: Vec<_> = faces.iter().map(Bound::of).collect();
+    let mut left_out = 0;
+    for second in 0..12 {
+        let at = Stamp::from_nanos(second * 2_000_000_000);
+        let pose = platform::uav_camera(&scene, at, 1);
+        let near = platform::uav_camera(&scene, at + std::time::Duration::from_millis(200), 1);
+        let frustum = Frustum::of(&camera, pose);
+        let sway = Sway::around(pose, &[near]);
+        for (face, bound) in faces.iter().zip(&bounds) {
+            let is_seen =
+                |pose: Isometry<_, _>| Seen::new(face, &camera, &pose.inverse()).is_some();
+            let may_be_seen = frustum.may_see(bound);
+            left_out += usize::from(!may_be_seen);
+            assert!(may_be_seen || !is_seen(pose), "{face:?} at {at} s");
+            let may_be_seen = frustum.may_see_swaying(bound, sway);
+            assert!(may_be_seen || !is_seen(near), "{face:?} after {at} s");
+        }
+    }
+    assert!(left_out > 12 * faces.len() / 2, "{left_out} are left out");
+}
+
+#[test]
+fn what_moves_shades_as_if_it_stood_there() {
+    let scene = Scene::generate(Name::UrbanArterial, 2);
+    let Light::Sun(sun) = scene.light() else {
+        panic!("a street has a sun")
+    };
+    let moving = scene.moving(Stamp::from_nanos(5_000_000_000));
+    let mut still = ShadowMap::around(scene.still(), sun);
+    still.draw(scene.still());
+    let mut both = still.clone();
+    both.draw(&moving);
+    let quick = Shadows::new(Arc::new(still.clone()), &moving);
+    let slow = Shadows::new(Arc::new(both), &[]);
+    let empty = Shadows::new(Arc::new(still), &[]);
+    let mut shaded = 0;
+    for block in 0..4000 {
+        // Where the road users are, up to the roofs of cars.
+        let random = |what: i32| lanes!(k => f64::from(unit(at_cell(block * 16 + (k as u32).cast_signed(), what, 5))));
+        let [x, y, z] = [1, 2, 3].map(random);
+        let places = [
+            x.map(|x| x * 200.0 - 50.0),
+            y.map(|y| y * 24.0 - 12.0),
+            z.map(|z| z * 1.5),
+        ];
+        let light = quick.sunlit(&places, &Vector3::z());
+        let expected = slow.sunlit(&places, &Vector3::z()).map(f32::to_bits);
+        assert_eq!(light.map(f32::to_bits), expected, "{places:?}");
+        let before = empty.sunlit(&places, &Vector3::z());
+        shaded += light.iter().zip(before).filter(|(l, b)| **l < *b).count();
+    }
+    assert!(shaded > 20, "{shaded} places are shaded by who moves");
 }

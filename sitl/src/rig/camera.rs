@@ -10,18 +10,21 @@ use sensors::ros::{
 
 use super::world::World;
 use super::{Rate, Reading, Sensor, Setup};
+use crate::camera_model::{CameraModel, Optics, OpticsError};
 use crate::depth_camera::{INDOORS_M, OUTDOORS_M, d455, expose};
 use crate::noise::{at_cell, mix, normal};
 use crate::platform::{self, Platform};
-use crate::render::Picture;
+use crate::render::{Picture, PoseAt};
 use crate::scene::{Name, Scene};
 use crate::sensor::child_seed;
 
-pub(super) fn of(platform: Platform, setup: &Setup) -> Vec<Box<dyn Sensor>> {
-    match platform {
+pub(super) fn of(platform: Platform, setup: &Setup) -> Result<Vec<Box<dyn Sensor>>, OpticsError> {
+    let eye = |lens, name: &str| Eye::new(lens, setup, child_seed(setup.seed, name));
+    Ok(match platform {
         Platform::Uav => vec![Box::new(DepthCamera {
             topics: Topics::default(),
             camera: d455(),
+            eye: eye(d455(), "uav/camera")?,
             reach_m: if setup.scene == Name::Room {
                 INDOORS_M
             } else {
@@ -30,16 +33,48 @@ pub(super) fn of(platform: Platform, setup: &Setup) -> Vec<Box<dyn Sensor>> {
             masks: setup.masks,
         })],
         Platform::Ugv => (0..platform::UGV_CAMERAS.len())
-            .map(|index| -> Box<dyn Sensor> {
+            .map(|index| -> Result<Box<dyn Sensor>, OpticsError> {
                 let name = format!("ugv/camera-{}", platform::UGV_CAMERAS[index]);
-                Box::new(GroundCamera {
+                Ok(Box::new(GroundCamera {
                     index,
                     seed: child_seed(setup.seed, &name),
+                    eye: eye(platform::ugv_lens(), &name)?,
                     name,
                     lens: platform::ugv_lens(),
-                })
+                }))
             })
-            .collect(),
+            .collect::<Result<_, _>>()?,
+    })
+}
+
+/// What takes the pictures of one camera.
+struct Eye {
+    lens: Pinhole,
+    /// None takes ideal pictures, which share what is the same for all cameras at one moment.
+    model: Option<CameraModel>,
+}
+
+impl Eye {
+    fn new(lens: Pinhole, setup: &Setup, seed: u64) -> Result<Self, OpticsError> {
+        let optics = setup.optics;
+        let model = (optics != Optics::IDEAL).then(|| CameraModel::new(lens, optics, seed));
+        Ok(Self {
+            lens,
+            model: model.transpose()?,
+        })
+    }
+
+    /// Whether its pictures have the noise of pixels already.
+    fn is_noisy(&self) -> bool {
+        let model = self.model.as_ref();
+        model.is_some_and(|model| model.optics().photosites.is_some())
+    }
+
+    fn look(&mut self, world: &mut World<'_>, at: Stamp, pose_at: &PoseAt<'_>) -> Picture {
+        match &mut self.model {
+            None => world.moment(at).picture(&self.lens, pose_at(at)),
+            Some(model) => model.shoot(world.stage(), at, pose_at).picture,
+        }
     }
 }
 
@@ -50,6 +85,7 @@ const DEPTH_RATE_HZ: u64 = 15;
 struct DepthCamera {
     topics: Topics,
     camera: Pinhole,
+    eye: Eye,
     reach_m: f32,
     masks: bool,
 }
@@ -65,9 +101,13 @@ impl Sensor for DepthCamera {
 
     fn read(&mut self, world: &mut World<'_>, at: Stamp, noise: f64) -> Vec<Reading> {
         let (scene, seed) = (world.scene, world.seed);
-        let pose = platform::uav_camera(scene, at, seed);
-        let picture = world.moment(at).picture(&self.camera, pose);
+        let pose_at = |at| platform::uav_camera(scene, at, seed);
+        let pose = pose_at(at);
+        let picture = self.eye.look(world, at, &pose_at);
         let mut frame = expose(&picture, &self.camera, self.reach_m, seed);
+        if self.eye.is_noisy() {
+            frame.rgb.clone_from(&picture.rgb);
+        }
         spread(&mut frame, &picture, noise);
         let mut readings = Vec::new();
         // Players that seek need it now and then.
@@ -172,6 +212,7 @@ struct GroundCamera {
     name: String,
     index: usize,
     seed: u64,
+    eye: Eye,
     lens: Pinhole,
 }
 
@@ -191,9 +232,12 @@ impl Sensor for GroundCamera {
 
     fn read(&mut self, world: &mut World<'_>, at: Stamp, noise: f64) -> Vec<Reading> {
         let camera = platform::UGV_CAMERAS[self.index];
-        let pose = platform::ugv(world.scene, at) * platform::body_from_ugv_camera(self.index);
-        let picture = world.moment(at).picture(&self.lens, pose);
-        let rgb = noisy(&picture, noise as f32, self.seed);
+        let (scene, mount) = (world.scene, platform::body_from_ugv_camera(self.index));
+        let pose_at = |at| platform::ugv(scene, at) * mount;
+        let picture = self.eye.look(world, at, &pose_at);
+        // What the optics have added already is not made larger.
+        let more = noise as f32 - f32::from(u8::from(self.eye.is_noisy()));
+        let rgb = noisy(&picture, more, self.seed);
         let frame = ground_frame(camera);
         let topic = format!("/ugv/camera_{camera}");
         let mut readings = Vec::new();

@@ -300,6 +300,24 @@ fn what_comes_does_not_depend_on_how_often_it_is_asked_for() {
 }
 
 #[test]
+fn a_rolling_shutter_gives_other_pictures_of_the_same_moments() {
+    let pictures = |optics: Optics| {
+        let mut setup = with(&["uav/camera"]);
+        setup.optics = optics;
+        let packets = run(&setup, Stamp::from_nanos(200_000_000));
+        let colour = of(&packets, "/uav/camera/color/image_raw");
+        colour.map(|p| (p.at, p.bytes.clone())).collect::<Vec<_>>()
+    };
+    let [ideal, rolling] = [Optics::IDEAL, Optics::ROLLING_SHUTTER].map(pictures);
+    assert_eq!(ideal.len(), 3);
+    for ((at, ideal), (same, rolling)) in ideal.iter().zip(&rolling) {
+        assert_eq!(at, same);
+        assert_eq!(ideal.len(), rolling.len());
+        assert!(ideal != rolling, "at {at}");
+    }
+}
+
+#[test]
 fn odometry_is_the_truth_of_the_platform() {
     let setup = with(&["ugv/wheels"]);
     let scene = Scene::generate(setup.scene, setup.seed);

@@ -50,6 +50,11 @@ impl<'a> World<'a> {
         (motion, acceleration.raw)
     }
 
+    /// The scene for cameras that take their time.
+    pub(super) fn stage(&self) -> &Stage<'a> {
+        &self.stage
+    }
+
     /// The scene for cameras.
     pub(super) fn moment(&mut self, at: Stamp) -> &Moment<'a> {
         let stage = &self.stage;

@@ -246,7 +246,7 @@ fn keys_do_what_the_help_says() {
 #[test]
 fn a_run_is_followed_and_its_vehicles_are_where_it_says() {
     let origin = "50.7277,7.0866,110".parse().expect("a place");
-    let mut simulation = Simulation::new([sitl::simulation::copter(&origin, 1)]);
+    let mut simulation = Simulation::new([sitl::simulation::copter(&origin, None, 1)]);
     let (mut teller, history) = world::channel();
     for _ in 0..100 {
         simulation.step(&Event::Tick);

@@ -206,7 +206,7 @@ mod tests {
     fn a_window_that_does_not_listen_stops_no_run() {
         let (mut teller, _history) = channel();
         let origin = "50.7277,7.0866,110".parse().expect("a place");
-        let mut simulation = Simulation::new([sitl::simulation::copter(&origin, 1)]);
+        let mut simulation = Simulation::new([sitl::simulation::copter(&origin, None, 1)]);
         for _ in 0..2 * QUEUE {
             simulation.step(&sitl::simulation::Event::Tick);
             teller.tell(&simulation);

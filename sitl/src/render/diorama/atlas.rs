@@ -2,6 +2,7 @@
 
 use rayon::prelude::*;
 
+use crate::lanes::{LANES, Lanes};
 use crate::scene::Face;
 
 /// Width and greatest height of the texture; every graphics card takes it.
@@ -171,21 +172,25 @@ fn place(patches: &mut [Patch]) -> usize {
     patches.len()
 }
 
-/// Paints all patches: `colour` for the shares of a face's edges.
+/// Paints all patches: `colours` for the shares of a face's edges.
 pub(super) fn paint(
     patches: &[Patch],
-    colour: impl Fn(&Patch, [f64; 2]) -> [u8; 3] + Sync,
+    colours: impl Fn(&Patch, &[[f64; 2]; LANES]) -> Lanes<[u8; 3]> + Sync,
 ) -> Texture {
     let painted: Vec<Vec<[u8; 4]>> = patches
         .par_iter()
         .map(|patch| {
             let [width, height] = patch.room();
             let texels = (0..height).flat_map(|y| (0..width).map(move |x| [x, y]));
-            let paint = |texel| {
-                let [r, g, b] = colour(patch, patch.share(texel));
-                [r, g, b, 255]
-            };
-            texels.map(paint).collect()
+            let shares: Vec<[f64; 2]> = texels.map(|texel| patch.share(texel)).collect();
+            let mut painted = Vec::with_capacity(shares.len() + LANES);
+            for some in shares.chunks(LANES) {
+                let mut full = [some[0]; LANES];
+                full[..some.len()].copy_from_slice(some);
+                painted.extend(colours(patch, &full).map(|[r, g, b]| [r, g, b, 255]));
+            }
+            painted.truncate(shares.len());
+            painted
         })
         .collect();
     let mut texture = Texture::black(SIZE);
