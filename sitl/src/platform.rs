@@ -102,10 +102,12 @@ pub fn uav(scene: &Scene, at: Stamp, seed: u64) -> Isometry<World, Body> {
     };
     let place = course.place(along, 0.6 * sway(5, 0.07));
     let up = street.flight_m() + 0.25 * sway(6, 0.11);
+    // None at the start, so that maps made from there know where up and east are.
+    let grown = (t / 2.0).min(1.0);
     let shake = UnitQuaternion::from_euler_angles(
-        0.014 * sway(1, 0.9),
-        0.014 * sway(2, 1.1),
-        0.02 * sway(3, 0.3),
+        0.014 * grown * sway(1, 0.9),
+        0.014 * grown * sway(2, 1.1),
+        0.02 * grown * sway(3, 0.3),
     );
     let level = level([place.x, place.y, up], course.heading(along));
     Isometry::claim(level.raw * Isometry3::from_parts(Translation3::identity(), shake))

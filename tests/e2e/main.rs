@@ -5,6 +5,7 @@ mod dataset;
 mod mission;
 mod peers;
 mod programs;
+mod recording;
 mod replay;
 mod soak;
 mod zenoh;

@@ -50,8 +50,27 @@ fn a_mission_over_signed_links_in_a_street_succeeds_and_others_can_read_it() {
         .collect();
     assert_eq!(failures, Vec::<String>::new(), "{report:#?}");
 
+    a_replay_makes_the_same_map(&out, &report.map_digest_companion);
     liboctomap_counts_the_same_occupied_voxels(&out, report.map_voxels_occupied);
     pymavlink_decodes_every_frame(&out.join("mission.tlog"));
+}
+
+/// The companion that flew took images at their pace, with links and threads; one that replays them has none of that.
+fn a_replay_makes_the_same_map(out: &Path, digest: &str) {
+    let replayed = out.join("replayed");
+    let output = Command::new(programs::folder().join("companion"))
+        .args(["replay", "-c"])
+        .arg(out.join("companion.toml"))
+        .arg("--out")
+        .arg(&replayed)
+        .arg(out.join("street.mcap"))
+        .output()
+        .expect("the companion starts");
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    let report = fs::read_to_string(replayed.join("report.json")).expect("a report");
+    let report: serde_json::Value = serde_json::from_str(&report).expect("JSON");
+    assert_eq!(report["map_digest"], digest);
 }
 
 fn liboctomap_counts_the_same_occupied_voxels(out: &Path, occupied: u64) {
