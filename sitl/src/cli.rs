@@ -29,7 +29,7 @@ pub(crate) struct Cli {
 #[derive(Subcommand)]
 pub(crate) enum Command {
     /// Runs vehicles in real time where they have links, and records as fast as it can.
-    Run(RunArgs),
+    Run(Box<RunArgs>),
     /// Draws a contact sheet: what all sensors see of each scene, and the truth.
     Poster(PosterArgs),
     /// Writes training data with truth: what both vehicles see of streets, frame by frame. Goes on where it was ended.

@@ -105,7 +105,7 @@ const LOOK_AHEAD: Duration = Duration::from_millis(120);
 /// of simulated time and told how much has passed. A run that is followed is waited for, and its end is that of the recording.
 pub fn record(
     plan: &Plan,
-    follow: Option<Follow>,
+    follow: Option<&Follow>,
     mut go_on: impl FnMut(Duration) -> bool,
 ) -> Result<Recording, RecordError> {
     let setup = &plan.setup;
@@ -129,7 +129,7 @@ pub fn record(
     while done < plan.duration && go_on(done) {
         let next = (done + STEP).min(plan.duration);
         let end = Stamp::ZERO + next;
-        if let Some(follow) = &follow
+        if let Some(follow) = follow
             && !follow
                 .ways
                 .iter()
@@ -138,7 +138,7 @@ pub fn record(
             break;
         }
         let mut packets = rig.until(end);
-        if let Some(follow) = &follow {
+        if let Some(follow) = follow {
             let frames = waiting.take().into_iter();
             for packet in frames.chain(follow.frames.try_iter().filter_map(|heard| heard.packet()))
             {
@@ -193,7 +193,7 @@ fn description(setup: &Setup) -> BTreeMap<String, String> {
 #[cfg(test)]
 mod tests {
     use std::path::Path;
-    use std::sync::mpsc::channel;
+    use std::sync::mpsc::sync_channel;
 
     use maps::frame::Isometry;
     use mavlink_ext::dialect::tandem::HEARTBEAT_DATA;
@@ -279,7 +279,7 @@ mod tests {
     #[test]
     fn a_stopped_recording_is_whole_up_to_there() {
         let folder = tempfile::tempdir().expect("a folder");
-        let plan = plan(setup(Name::Room, 1), &folder, 100_000);
+        let plan = plan(setup(Name::Room, 1), &folder, 99_999);
         let recording = record(&plan, None, |done| done.as_millis() < 200).expect("a file");
         assert_eq!((recording.frames, recording.stopped), (3, true));
         let source = McapFile::open(file(&plan), Topics::default()).expect("finished");
@@ -291,7 +291,7 @@ mod tests {
         let folder = tempfile::tempdir().expect("a folder");
         let mut setup = setup(Name::ResidentialAlley, 1);
         setup.aboard = vec!["uav/camera".to_owned()];
-        let plan = plan(setup, &folder, 100_000);
+        let plan = plan(setup, &folder, 99_999);
         let pose = |step: u32| {
             let east = 0.1 * f64::from(step);
             Isometry::claim(Isometry3::translation(east, 2.0, 5.0))
@@ -299,7 +299,7 @@ mod tests {
         let way = Arc::new(Way::new(TICK, pose(0)));
         (1..=40).for_each(|step| way.push(pose(step)));
         way.end();
-        let (heard, frames) = channel();
+        let (heard, frames) = sync_channel(60);
         let mut encoder = Encoder::new(ROVER);
         let sent: Vec<Heard> = (0..60)
             .map(|step| Heard {
@@ -316,7 +316,7 @@ mod tests {
             ways: vec![(Platform::Uav, Arc::clone(&way))],
             frames,
         };
-        let recording = record(&plan, Some(follow), |_| true).expect("a file");
+        let recording = record(&plan, Some(&follow), |_| true).expect("a file");
         // 0.8 s, of which the last 0.12 s cannot be looked ahead of.
         assert!(
             (recording.seconds - 0.68).abs() < 1e-9,

@@ -8,7 +8,7 @@ use std::fs::{self, File};
 use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::mpsc::{Receiver, Sender, SyncSender, channel};
+use std::sync::mpsc::{Receiver, SyncSender, TrySendError, sync_channel};
 use std::time::Duration;
 
 use anyhow::{Context as _, bail};
@@ -28,6 +28,9 @@ use crate::way::Way;
 use recorder::Recorder;
 
 mod recorder;
+
+/// Frames of links that may wait to be recorded: about half an hour of two vehicles.
+const BEHIND: usize = 1 << 18;
 
 /// Frames and ticks that may wait. A tick that finds no room waits, a frame is lost as in the air.
 pub const QUEUE: usize = 1024;
@@ -159,7 +162,9 @@ struct Party {
     /// In the order of the simulation's vehicles.
     stations: Vec<Station>,
     /// To the recorder, if there is one.
-    heard: Option<Sender<Heard>>,
+    heard: Option<SyncSender<Heard>>,
+    /// Frames that the recorder is too far behind to take.
+    unrecorded: u64,
 }
 
 impl Party {
@@ -200,12 +205,13 @@ impl Party {
             simulation: Simulation::new(autopilots),
             stations,
             heard: None,
+            unrecorded: 0,
         })
     }
 
     /// What a recorder needs to go along.
     fn follow(&mut self) -> Follow {
-        let (heard, frames) = channel();
+        let (heard, frames) = sync_channel(BEHIND);
         self.heard = Some(heard);
         let ways = self.stations.iter();
         Follow {
@@ -269,11 +275,20 @@ impl Party {
             is_sent,
             frame: frame.clone(),
         };
-        // A recorder that has failed says so at the end.
-        self.heard = self
-            .heard
-            .take()
-            .filter(|recorder| recorder.send(heard).is_ok());
+        let Some(recorder) = &self.heard else { return };
+        match recorder.try_send(heard) {
+            Ok(()) => {}
+            // It says why at the end.
+            Err(TrySendError::Disconnected(_)) => self.heard = None,
+            Err(TrySendError::Full(_)) => {
+                if self.unrecorded == 0 {
+                    tracing::warn!(
+                        "the recording is half an hour behind: frames of links are left out of it; leave sensors out with --aboard"
+                    );
+                }
+                self.unrecorded += 1;
+            }
+        }
     }
 
     fn end(&mut self) {

@@ -178,7 +178,7 @@ impl Scene {
     /// Lets a vehicle go its own way from now on: others see it there, but traffic does not know.
     pub fn follow(&mut self, platform: Platform, way: Arc<Way>) {
         if let (Platform::Ugv, Some(street)) = (platform, &mut self.street) {
-            street.drive(Arc::clone(&way));
+            street.drive(&way);
         }
         self.ways[platform as usize] = Some(way);
     }

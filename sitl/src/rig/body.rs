@@ -153,7 +153,7 @@ impl Sensor for Satellites {
             return Vec::new();
         };
         let (then, _) = world.motion(self.platform, reading.at);
-        let fix = self.fix(world, &reading, then.position(), noise);
+        let fix = fix(world, &reading, then.position(), noise);
         let topic = format!("/{}/gnss/fix", self.platform.name());
         let frame = self.name.clone();
         let encode = move |shown| {
@@ -171,45 +171,43 @@ impl Sensor for Satellites {
     }
 }
 
-impl Satellites {
-    fn fix(
-        &self,
-        world: &World<'_>,
-        reading: &GnssReading,
-        truth: Point<maps::frame::World>,
-        noise: f64,
-    ) -> NavSatFix<'static> {
-        let status = match reading.fix {
-            FixType::None => -1,
-            FixType::TwoD | FixType::ThreeD => 0,
-            FixType::RtkFloat | FixType::RtkFixed => 2,
-        };
-        let none = NavSatFix {
-            at: Stamp::ZERO,
-            frame_id: "",
-            status,
-            latitude_deg: f64::NAN,
-            longitude_deg: f64::NAN,
-            altitude_m: f64::NAN,
-            variances_m2: [0.0; 3],
-        };
-        let Some(solution) = reading.solution else {
-            return none;
-        };
-        let truth = truth.raw.coords;
-        let place = truth + (solution.position.raw.coords - truth) * noise;
-        let place = world
-            .origin
-            .to_geodetic(Point::new(place.x, place.y, place.z));
-        let variance = |accuracy_m: f64| (accuracy_m * noise).powi(2);
-        let across = variance(solution.horizontal_accuracy_m);
-        NavSatFix {
-            latitude_deg: place.lat_deg,
-            longitude_deg: place.lon_deg,
-            altitude_m: place.alt_m,
-            variances_m2: [across, across, variance(solution.vertical_accuracy_m)],
-            ..none
-        }
+/// What the receiver says of that reading.
+fn fix(
+    world: &World<'_>,
+    reading: &GnssReading,
+    truth: Point<maps::frame::World>,
+    noise: f64,
+) -> NavSatFix<'static> {
+    let status = match reading.fix {
+        FixType::None => -1,
+        FixType::TwoD | FixType::ThreeD => 0,
+        FixType::RtkFloat | FixType::RtkFixed => 2,
+    };
+    let none = NavSatFix {
+        at: Stamp::ZERO,
+        frame_id: "",
+        status,
+        latitude_deg: f64::NAN,
+        longitude_deg: f64::NAN,
+        altitude_m: f64::NAN,
+        variances_m2: [0.0; 3],
+    };
+    let Some(solution) = reading.solution else {
+        return none;
+    };
+    let truth = truth.raw.coords;
+    let place = truth + (solution.position.raw.coords - truth) * noise;
+    let place = world
+        .origin
+        .to_geodetic(Point::new(place.x, place.y, place.z));
+    let variance = |accuracy_m: f64| (accuracy_m * noise).powi(2);
+    let across = variance(solution.horizontal_accuracy_m);
+    NavSatFix {
+        latitude_deg: place.lat_deg,
+        longitude_deg: place.lon_deg,
+        altitude_m: place.alt_m,
+        variances_m2: [across, across, variance(solution.vertical_accuracy_m)],
+        ..none
     }
 }
 

@@ -27,7 +27,7 @@ fn with(aboard: &[&str]) -> Setup {
 
 fn run(setup: &Setup, until: Stamp) -> Vec<Packet> {
     let scene = Scene::generate(setup.scene, setup.seed);
-    let mut rig = Rig::new(&scene, setup, Duration::from_secs(60)).expect("sensors that there are");
+    let mut rig = Rig::new(&scene, setup, Duration::from_mins(1)).expect("sensors that there are");
     rig.until(until)
 }
 
@@ -179,7 +179,7 @@ fn a_clock_that_is_off_stamps_every_message_of_its_vehicle_and_no_other() {
     };
     let packets = run(&setup, Stamp::from_nanos(2_500_000_000));
     for packet in &packets {
-        let off = packet.at.as_nanos() as i64 - packet.logged.as_nanos() as i64;
+        let off = packet.at.as_nanos().cast_signed() - packet.logged.as_nanos().cast_signed();
         let expected = if packet.topic.starts_with("/uav") {
             5_000_000_000
         } else {
@@ -199,7 +199,7 @@ fn a_clock_that_is_off_stamps_every_message_of_its_vehicle_and_no_other() {
         .expect("one a second");
     let (shown, truth) = decode_time_reference(&reference.bytes).expect("our own");
     assert_eq!(truth, Stamp::from_nanos(2_000_000_000));
-    let fast_ns = shown.as_nanos() as i64 - 7_000_000_000;
+    let fast_ns = shown.as_nanos().cast_signed() - 7_000_000_000;
     assert!(
         (fast_ns - 40_000).abs() < 2_000,
         "20 ppm for 2 s: {fast_ns}"
@@ -291,8 +291,7 @@ fn a_fault_of_a_sensor_that_is_not_aboard_is_refused_with_those_that_are() {
 fn what_comes_does_not_depend_on_how_often_it_is_asked_for() {
     let setup = with(&["uav/gnss", "ugv/imu", "ugv/radar"]);
     let scene = Scene::generate(setup.scene, setup.seed);
-    let mut rig =
-        Rig::new(&scene, &setup, Duration::from_secs(60)).expect("sensors that there are");
+    let mut rig = Rig::new(&scene, &setup, Duration::from_mins(1)).expect("sensors that there are");
     let asked: Vec<Packet> = (1..=20)
         .flat_map(|i| rig.until(Stamp::from_nanos(i * 50_000_000)))
         .collect();

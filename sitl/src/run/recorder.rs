@@ -51,12 +51,17 @@ impl Recorder {
         };
         let (stop, stopped) = sync_channel(0);
         let work = move || {
-            let recording = record::record(&plan, follow, |done| {
+            let recording = record::record(&plan, follow.as_ref(), |done| {
                 if done.subsec_millis() == 0 && done.as_secs().is_multiple_of(10) {
                     tracing::info!(seconds = done.as_secs(), "sensors");
                 }
                 pace.go_on(done, clock(), &stopped)
             });
+            if recording.is_err() {
+                tracing::warn!(
+                    "recording has ended with an error, which is told at the end of the run"
+                );
+            }
             if let Some(inbox) = at_end {
                 // Nobody listens any more only if the run has been stopped already.
                 let _already_stopped = inbox.send(Event::Stop);

@@ -90,12 +90,12 @@ impl Street {
     }
 
     /// Lets our ground vehicle go its own way.
-    pub(super) fn drive(&mut self, way: Arc<Way>) {
+    pub(super) fn drive(&mut self, way: &Arc<Way>) {
         let robots = self
             .movers
             .iter_mut()
             .filter(|mover| mover.class == Class::Robot);
-        robots.for_each(|robot| robot.drive(Arc::clone(&way)));
+        robots.for_each(|robot| robot.drive(Arc::clone(way)));
     }
 
     /// How high the drone flies.

@@ -6,7 +6,7 @@ use std::io::BufWriter;
 use std::path::{Path, PathBuf};
 
 use ::mcap::records::{MessageHeader, Metadata};
-use ::mcap::{Attachment, McapError, WriteOptions};
+use ::mcap::{McapError, WriteOptions};
 use maps::camera::{Pinhole, RgbdFrame};
 use maps::frame::{Camera, Isometry, World};
 use maps::time::Stamp;
@@ -70,18 +70,6 @@ impl Writer {
         self.checked(outcome)
     }
 
-    /// Puts a small text file into the recording.
-    pub fn attach(&mut self, name: &str, text: &str) -> Result<(), WriteError> {
-        let outcome = self.file.attach(&Attachment {
-            log_time: 0,
-            create_time: 0,
-            name: name.to_owned(),
-            media_type: "text/plain".to_owned(),
-            data: text.as_bytes().into(),
-        });
-        self.checked(outcome)
-    }
-
     /// Appends a message that came in then, by the recorder's clock.
     pub fn write(&mut self, logged: Stamp, message: &Message<'_>) -> Result<(), WriteError> {
         let outcome = self.append(logged, message);
@@ -89,18 +77,17 @@ impl Writer {
     }
 
     fn append(&mut self, logged: Stamp, message: &Message<'_>) -> Result<(), McapError> {
-        let channel = match self.channels.get_mut(message.topic) {
-            Some(channel) => channel,
-            None => {
-                let schema = message.schema;
-                let text = schema.text.as_bytes();
-                let schema = self.file.add_schema(schema.name, "ros2msg", text)?;
-                let none = BTreeMap::new();
-                let id = self.file.add_channel(schema, message.topic, "cdr", &none)?;
-                let topic = message.topic.to_owned();
-                let new = Channel { id, sequence: 0 };
-                self.channels.entry(topic).or_insert(new)
-            }
+        if !self.channels.contains_key(message.topic) {
+            let schema = message.schema;
+            let text = schema.text.as_bytes();
+            let schema = self.file.add_schema(schema.name, "ros2msg", text)?;
+            let none = BTreeMap::new();
+            let id = self.file.add_channel(schema, message.topic, "cdr", &none)?;
+            let new = Channel { id, sequence: 0 };
+            self.channels.insert(message.topic.to_owned(), new);
+        }
+        let Some(channel) = self.channels.get_mut(message.topic) else {
+            return Ok(());
         };
         let header = MessageHeader {
             channel_id: channel.id,
@@ -114,18 +101,16 @@ impl Writer {
 
     /// Appends the camera. A reader needs it once; players that seek need it now and then.
     pub fn camera(&mut self, at: Stamp, camera: &Pinhole) -> Result<(), WriteError> {
-        let outcome = self.append(at, &message::camera(&self.topics.clone(), at, camera));
-        self.checked(outcome)
+        let topics = self.topics.clone();
+        self.write(at, &message::camera(&topics, at, camera))
     }
 
     /// Appends a frame: colour as `rgb8`, depth as `16UC1`, which is to the millimetre and up to 65.5 m.
     pub fn frame(&mut self, frame: &RgbdFrame) -> Result<(), WriteError> {
         let topics = self.topics.clone();
         let [color, depth] = message::frame(&topics, frame);
-        let outcome = self
-            .append(frame.at, &color)
-            .and_then(|()| self.append(frame.at, &depth));
-        self.checked(outcome)
+        self.write(frame.at, &color)?;
+        self.write(frame.at, &depth)
     }
 
     /// Appends where the camera really was.
@@ -135,8 +120,7 @@ impl Writer {
         world_from_camera: &Isometry<World, Camera>,
     ) -> Result<(), WriteError> {
         let topics = self.topics.clone();
-        let outcome = self.append(at, &message::truth(&topics, at, world_from_camera));
-        self.checked(outcome)
+        self.write(at, &message::truth(&topics, at, world_from_camera))
     }
 
     /// Writes the index and closes the file.
