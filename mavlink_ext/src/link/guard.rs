@@ -10,7 +10,8 @@ use super::{LinkError, lock};
 use crate::signing::{KeyFile, Rejection, Signing, SigningStats, Timestamp};
 use crate::wire::RawFrame;
 
-/// How often the highest timestamp is kept. After a crash the next start begins a minute after what was kept.
+/// How often the highest timestamp is kept. After a crash with a wrong clock the next start begins a
+/// minute after what was kept.
 const KEEP_EVERY: Timestamp = Timestamp::from_duration(Duration::from_secs(10));
 
 /// How long it is told that a frame was not taken.
@@ -44,7 +45,7 @@ impl Guard {
             return Ok(Self(None));
         };
         let file = KeyFile::new(key);
-        let after = file.begin();
+        let after = file.begin(clock());
         let number = NEXT_LINK.fetch_add(1, Ordering::Relaxed);
         Ok(Self(Some(Signed {
             signing: Mutex::new(Signing::new(*policy, file.read()?, number, after)),

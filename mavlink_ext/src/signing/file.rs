@@ -10,7 +10,8 @@ use tempfile::NamedTempFile;
 
 use super::{SigningKey, Timestamp};
 
-/// A restart begins so long after the highest timestamp that was kept, which may be this old. ArduPilot does the same.
+/// A restart with a wrong clock begins so long after the highest timestamp that was kept, which may be this old. ArduPilot
+/// does the same.
 const AHEAD: Timestamp = Timestamp::from_duration(Duration::from_mins(1));
 /// Read and written by its owner only.
 const MODE: u32 = 0o600;
@@ -108,15 +109,21 @@ impl KeyFile {
         parse(text.trim()).map(SigningKey::new).ok_or_else(content)
     }
 
-    /// After which timestamp to begin: what was kept, and a minute. The lowest if nothing was kept.
-    pub fn begin(&self) -> Timestamp {
+    /// After which timestamp to begin where the clock shows that: what was kept, and a minute if the clock is behind it and
+    /// so cannot be right. The lowest if nothing was kept.
+    ///
+    /// A clock that has passed what was kept needs no minute: programs that share a key and start together would each be a
+    /// minute ahead of the one before, and not take its frames.
+    pub fn begin(&self, clock: Timestamp) -> Timestamp {
         let kept = fs::read_to_string(self.timestamp_path()).ok();
         let kept = kept
             .and_then(|text| text.trim().parse().ok())
-            .map(Timestamp);
-        kept.map_or(Timestamp::default(), |kept| {
-            kept.min(Timestamp(Timestamp::MAX)).plus(AHEAD)
-        })
+            .map(|kept: u64| Timestamp(kept.min(Timestamp::MAX)));
+        match kept {
+            Some(kept) if kept > clock => kept.plus(AHEAD),
+            Some(kept) => kept,
+            None => Timestamp::default(),
+        }
     }
 
     /// Keeps the highest timestamp, for the next start. To be called at least every half minute.

@@ -164,18 +164,41 @@ fn forwarded_signatures_stay_and_mavlink_1_goes_only_where_signatures_are_option
 fn timestamps_go_on_after_a_restart_with_a_wrong_clock() {
     let folder = tempfile::tempdir().expect("a folder");
     let file = KeyFile::new(folder.path().join("key"));
-    assert_eq!(file.begin(), Timestamp::default());
-    let mut before = Signing::new(Policy::Required, KEY, 3, file.begin());
+    assert_eq!(file.begin(at(1000)), Timestamp::default());
+    let mut before = Signing::new(Policy::Required, KEY, 3, file.begin(at(1000)));
     let mut receiver = signing(Policy::Required);
     assert_eq!(receiver.check(at(1000), &signed(&mut before, 1000)), Ok(()));
     file.keep(before.timestamp()).expect("there is room");
     assert_eq!(receiver.check(at(1020), &signed(&mut before, 1020)), Ok(()));
-    let mut after = Signing::new(Policy::Required, KEY, 3, file.begin());
+    let mut after = Signing::new(Policy::Required, KEY, 3, file.begin(at(0)));
     assert_eq!(
         receiver.check(at(1030), &signed(&mut after, 0)),
         Ok(()),
         "the clock is at 2015"
     );
+}
+
+#[test]
+fn programs_that_share_a_key_and_start_together_take_one_anothers_frames() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let file = KeyFile::new(folder.path().join("key"));
+    // Each keeps its timestamp as soon as it runs, before the next one starts.
+    let mut programs: Vec<Signing> = (0..4)
+        .map(|i| {
+            let now = at(1000 + i);
+            let program = Signing::new(Policy::Required, KEY, i as u8, file.begin(now));
+            file.keep(program.timestamp().max(now))
+                .expect("there is room");
+            program
+        })
+        .collect();
+    for sender in 0..4 {
+        let frame = signed(&mut programs[sender], 1005);
+        for receiver in (0..4).filter(|receiver| *receiver != sender) {
+            let taken = programs[receiver].check(at(1005), &frame);
+            assert_eq!(taken, Ok(()), "from {sender} to {receiver}");
+        }
+    }
 }
 
 #[test]
