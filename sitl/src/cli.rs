@@ -95,7 +95,8 @@ pub(crate) struct RunArgs {
     /// Shows the scene, each camera and where the vehicles truly are, in a window; closing it ends the run.
     #[arg(long, conflicts_with = "headless")]
     pub(crate) view: bool,
-    /// Ends after this much simulated time. Default: a recording takes one round (36 s), vehicles run until stopped.
+    /// Ends after this much simulated time. Default: a recording takes 36 s, whatever has links or is published runs until
+    /// stopped.
     #[arg(long, value_name = "SECONDS", value_parser = seconds, allow_hyphen_values = true)]
     duration: Option<Duration>,
     /// Link of the copter (1/1), such as udpout:127.0.0.1:14561.
@@ -112,7 +113,8 @@ pub(crate) struct RunArgs {
         allow_hyphen_values = true
     )]
     origin: Origin,
-    /// Where the rover starts: metres east and north of the origin, degrees clockwise from north. Default: where the scene has its ground vehicle, in the room 0,0,90.
+    /// Where the rover starts: metres east and north of the origin, degrees clockwise from north. Default: where the scene
+    /// has its ground vehicle, in the room 0,0,90.
     #[arg(
         long,
         value_name = "X,Y,HEADING_DEG",

@@ -9,6 +9,7 @@ use std::time::Duration;
 use maps::time::Stamp;
 use mavlink_ext::RawFrame;
 use sensors::mcap::{Topics, WriteError, Writer};
+use sensors::message::Message;
 use sensors::ros::mavlink::{MAVLINK, encode_frame};
 use sensors::zenoh::ZenohError;
 use serde::Serialize;
@@ -151,7 +152,12 @@ pub fn record(
             packets.sort_by_key(|packet| packet.logged);
         }
         for packet in packets {
-            let message = packet.message();
+            let message = Message {
+                topic: &packet.topic,
+                schema: packet.schema,
+                at: packet.at,
+                bytes: packet.bytes,
+            };
             if let Some(live) = &mut live {
                 live.publish(&message)?;
             }

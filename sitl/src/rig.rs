@@ -30,7 +30,6 @@ use std::collections::BTreeMap;
 use std::time::Duration;
 
 use maps::time::Stamp;
-use sensors::message::Message;
 use sensors::ros::{Schema, restamp};
 
 use crate::camera_model::{Optics, OpticsError};
@@ -96,18 +95,6 @@ pub struct Packet {
     pub at: Stamp,
     /// CDR.
     pub bytes: Vec<u8>,
-}
-
-impl Packet {
-    /// As files and networks take it.
-    pub fn message(&self) -> Message<'_> {
-        Message {
-            topic: &self.topic,
-            schema: self.schema,
-            at: self.at,
-            bytes: self.bytes.clone(),
-        }
-    }
 }
 
 /// How often something happens: so many times in each span.

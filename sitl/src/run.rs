@@ -110,9 +110,6 @@ pub fn run(
     let recording = recorder
         .map(|mut recorder| {
             if settings.has_links() {
-                tracing::info!(
-                    "drawing what is left of the recording; stop once more to leave it out"
-                );
                 recorder.catch_up(events);
             } else {
                 recorder.stop();
@@ -269,13 +266,13 @@ impl Party {
     }
 
     fn record(&mut self, vehicle: usize, is_sent: bool, frame: &RawFrame) {
+        let Some(recorder) = &self.heard else { return };
         let heard = Heard {
             at: self.simulation.now(),
             vehicle: self.stations[vehicle].name,
             is_sent,
             frame: frame.clone(),
         };
-        let Some(recorder) = &self.heard else { return };
         match recorder.try_send(heard) {
             Ok(()) => {}
             // It says why at the end.
@@ -293,6 +290,9 @@ impl Party {
 
     fn end(&mut self) {
         self.heard = None;
+        if self.unrecorded > 0 {
+            tracing::warn!(frames = self.unrecorded, "left out of the recording");
+        }
         for station in &self.stations {
             station.way.end();
         }

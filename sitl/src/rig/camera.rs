@@ -3,9 +3,10 @@
 use maps::camera::{Pinhole, RgbdFrame};
 use maps::time::Stamp;
 use sensors::mcap::Topics;
-use sensors::message::{self, CAMERA_FRAME};
+use sensors::message::{self, CAMERA_FRAME, WORLD_FRAME};
 use sensors::ros::{
     CAMERA_INFO, COMPRESSED_IMAGE, CompressedImage, IMAGE, POSE_STAMPED, encode_camera_info,
+    encode_pose,
 };
 
 use super::world::World;
@@ -112,8 +113,8 @@ impl Sensor for DepthCamera {
         let mut readings = Vec::new();
         // Players that seek need it now and then.
         if at.as_nanos().is_multiple_of(1_000_000_000) {
-            let (topics, camera) = (self.topics.clone(), self.camera);
-            let encode = move |at| message::camera(&topics, at, &camera).bytes;
+            let camera = self.camera;
+            let encode = move |at| encode_camera_info(at, CAMERA_FRAME, &camera);
             readings.push(Reading::now(
                 &*self.topics.camera_info,
                 &CAMERA_INFO,
@@ -121,8 +122,7 @@ impl Sensor for DepthCamera {
                 encode,
             ));
         }
-        let topics = self.topics.clone();
-        let encode = move |at| message::truth(&topics, at, &pose).bytes;
+        let encode = move |at| encode_pose(at, WORLD_FRAME, &pose.raw);
         readings.push(Reading::now(&*self.topics.truth, &POSE_STAMPED, at, encode));
         if self.masks {
             readings.extend(masks(scene, &picture));
