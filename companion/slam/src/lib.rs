@@ -36,6 +36,7 @@
 //! # Ok::<(), slam::FrameError>(())
 //! ```
 
+mod aid;
 mod brief;
 mod bundle;
 mod coarse;
@@ -59,6 +60,7 @@ mod spread;
 mod tracked;
 mod tracking;
 
+pub use aid::{Aid, Fix, Mobility, Object};
 pub use dense::DenseKeyframe;
 pub use level::Floor;
 pub use settings::{Moving, Settings};

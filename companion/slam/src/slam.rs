@@ -9,6 +9,7 @@ use nalgebra::{Isometry3, Matrix6};
 use rand_pcg::Pcg64;
 use rand_pcg::rand_core::SeedableRng as _;
 
+use crate::aid::Aid;
 use crate::coarse::Coarse;
 use crate::dense::{DenseKeyframe, Pending};
 use crate::dynamics::{self, Mask};
@@ -98,6 +99,11 @@ impl Slam {
     /// Finds where the camera was when it took `frame`. A frame in which that is impossible is no error: see
     /// [`Tracked::state`].
     pub fn track(&mut self, frame: &RgbdFrame) -> Result<Tracked, FrameError> {
+        self.track_aided(frame, &Aid::default())
+    }
+
+    /// The same with what else is known of the frame.
+    pub fn track_aided(&mut self, frame: &RgbdFrame, aid: &Aid<'_>) -> Result<Tracked, FrameError> {
         self.check(frame)?;
         self.last.at = Some(frame.at);
         let depths = self.depths();
@@ -106,7 +112,7 @@ impl Slam {
         let mut now = Sighting::new(&self.optics, features, coarse);
         let keyframe = match self.state {
             State::Searching => self.start(frame, now),
-            State::Tracking | State::Lost { .. } => match self.locate(frame.at, &mut now) {
+            State::Tracking | State::Lost { .. } => match self.locate(frame.at, &mut now, aid) {
                 Some(fit) => self.follow(frame, now, &fit),
                 None => self.lose(frame.at, now),
             },
@@ -227,13 +233,18 @@ impl Slam {
     }
 
     /// The pose of the frame and, left in `now`, the points that support it.
-    fn locate(&mut self, at: Stamp, now: &mut Sighting) -> Option<Fit> {
+    fn locate(&mut self, at: Stamp, now: &mut Sighting, aid: &Aid<'_>) -> Option<Fit> {
         let known = Located {
             optics: &self.optics,
             map: &self.map,
         };
         let fit = match self.state {
-            State::Tracking => known.follow(&self.last.sighting, &self.last.motion, at, now),
+            State::Tracking => known.follow(
+                &self.last.sighting,
+                &self.last.motion,
+                (at, aid.turned),
+                now,
+            ),
             State::Searching | State::Lost { .. } => None,
         };
         let fit = fit.or_else(|| {

@@ -1,7 +1,7 @@
 //! Where a frame was taken, from the points of the map that it shows.
 
 use maps::time::Stamp;
-use nalgebra::Isometry3;
+use nalgebra::{Isometry3, UnitQuaternion};
 use rand_pcg::Pcg64;
 
 use crate::map::{KeyframeId, Map};
@@ -30,10 +30,13 @@ impl Located<'_> {
         &self,
         last: &Sighting,
         motion: &Motion,
-        at: Stamp,
+        (at, turned): (Stamp, Option<UnitQuaternion<f64>>),
         now: &mut Sighting,
     ) -> Option<Fit> {
-        let moving = motion.predict(at);
+        let mut moving = motion.predict(at);
+        if let Some(turned) = turned {
+            moving.rotation = motion.pose.rotation * turned;
+        }
         [(moving, 14.0), (moving, 35.0), (motion.pose, 60.0)]
             .into_iter()
             .find_map(|(guess, radius)| {
