@@ -12,12 +12,13 @@ use std::error::Error;
 use std::fs::{self, File};
 use std::io::{BufReader, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
+use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
 use maps::camera::{Pinhole, RgbdFrame};
 use maps::time::Stamp;
 use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
-use slam::{DenseKeyframe, Moving, Settings, Slam, State, Tracked};
+use slam::{DenseKeyframe, Moving, Settings, Slam, Stage, State, Tracked};
 
 type Result<T> = std::result::Result<T, Box<dyn Error>>;
 
@@ -108,11 +109,14 @@ fn main() -> Result<()> {
         ..Settings::default()
     };
     let mut slam = Slam::new(arguments.camera, settings);
+    let stages = Stages::default();
+    stages.watch(&mut slam);
     let mut times: Vec<(Duration, bool)> = Vec::new();
     let mut outcomes: Vec<Tracked> = Vec::new();
     let mut dense = Vec::new();
     for (i, line) in list.lines().take(arguments.frames).enumerate() {
         let frame = read_frame(&arguments.folder, line)?;
+        stages.start();
         let tracked = timed(&mut times, || slam.track(&frame))?;
         dense.extend(slam.take_keyframes());
         if let Some(folder) = &arguments.pictures
@@ -141,11 +145,65 @@ fn main() -> Result<()> {
     }
     dense.extend(slam.finish());
     report(&outcomes, &times, &dense);
+    stages.report();
     accuracy(&arguments.folder, &slam, &outcomes)?;
     if let Some(folder) = &arguments.pictures {
         map_picture(&folder.join("map.png"), &dense)?;
     }
     Ok(())
+}
+
+/// Milliseconds spent in each stage.
+#[derive(Clone)]
+struct Stages(Arc<Mutex<(Instant, [Vec<f64>; Stage::ALL.len()])>>);
+
+#[expect(
+    clippy::disallowed_methods,
+    reason = "a program that measures speed reads the clock"
+)]
+impl Default for Stages {
+    fn default() -> Self {
+        Self(Arc::new(Mutex::new((Instant::now(), Default::default()))))
+    }
+}
+
+#[expect(
+    clippy::disallowed_methods,
+    reason = "a program that measures speed reads the clock"
+)]
+impl Stages {
+    fn watch(&self, slam: &mut Slam) {
+        let stages = self.clone();
+        slam.watch(move |stage| {
+            if let Ok(mut state) = stages.0.lock() {
+                let now = Instant::now();
+                let ms = 1e3 * (now - state.0).as_secs_f64();
+                state.0 = now;
+                state.1[stage as usize].push(ms);
+            }
+        });
+    }
+
+    fn start(&self) {
+        if let Ok(mut state) = self.0.lock() {
+            state.0 = Instant::now();
+        }
+    }
+
+    fn report(&self) {
+        let Ok(state) = self.0.lock() else { return };
+        for (stage, ms) in Stage::ALL.iter().zip(&state.1) {
+            let mut ms = ms.clone();
+            ms.sort_by(f64::total_cmp);
+            let mean = ms.iter().sum::<f64>() / ms.len().max(1) as f64;
+            let last = ms.last().copied().unwrap_or(0.0);
+            let p99 = ms.get(ms.len() * 99 / 100).copied().unwrap_or(last);
+            println!(
+                "{stage:?}: {} times, mean {mean:.2} ms, p99 {p99:.1} ms",
+                ms.len()
+            );
+        }
+    }
 }
 
 #[expect(

@@ -197,32 +197,15 @@ fn complement(matrix: &mut DMatrix<f64>, right: &mut DVector<f64>, points: &[Eli
 /// Views of a point by keyframes outside the window that hold it in place: the first few.
 const ANCHORS: usize = 4;
 
-/// Adjusts the keyframes of `window` and the points they see; what does not fit is removed from the map.
-pub(crate) fn adjust(optics: &Optics, map: &mut Map, window: &[KeyframeId]) {
-    let Some(mut local) = Local::new(map, window) else {
-        return;
-    };
-    local.problem.solve(optics, 5);
-    let mut bad = local.problem.outliers(optics).into_iter();
-    let mut dropped = Vec::new();
-    let mut kept = Vec::new();
-    for (o, name) in local.problem.observations.iter().zip(&local.names) {
-        if bad.next() == Some(true) {
-            dropped.push(*name);
-        } else {
-            kept.push(*o);
-        }
-    }
-    local.problem.observations = kept;
-    local.problem.solve(optics, 5);
-    local.write_back(map);
-    for (point, keyframe) in dropped {
-        map.remove_view(point, keyframe);
-    }
+/// A problem that was solved, to be written back into the map.
+pub(crate) struct Solved {
+    local: Local,
+    /// What does not fit.
+    dropped: Vec<(PointId, KeyframeId)>,
 }
 
-/// A problem cut out of the map.
-struct Local {
+/// A problem cut out of the map: the keyframes of a window and the points they see.
+pub(crate) struct Local {
     problem: Problem,
     cameras: Vec<KeyframeId>,
     points: Vec<PointId>,
@@ -232,7 +215,7 @@ struct Local {
 
 impl Local {
     /// The window moves against all older keyframes that share points with it; without any, against its first.
-    fn new(map: &Map, window: &[KeyframeId]) -> Option<Self> {
+    pub(crate) fn new(map: &Map, window: &[KeyframeId]) -> Option<Self> {
         let mut points: Vec<PointId> = window
             .iter()
             .filter_map(|id| map.keyframes.get(id))
@@ -295,6 +278,39 @@ impl Local {
         })
     }
 
+    /// Solves it, leaves out what does not fit, and solves it again.
+    pub(crate) fn solve(mut self, optics: &Optics) -> Solved {
+        self.problem.solve(optics, 5);
+        let mut bad = self.problem.outliers(optics).into_iter();
+        let mut dropped = Vec::new();
+        let mut kept = Vec::new();
+        for (o, name) in self.problem.observations.iter().zip(&self.names) {
+            if bad.next() == Some(true) {
+                dropped.push(*name);
+            } else {
+                kept.push(*o);
+            }
+        }
+        self.problem.observations = kept;
+        self.problem.solve(optics, 5);
+        Solved {
+            local: self,
+            dropped,
+        }
+    }
+}
+
+impl Solved {
+    /// Moves the keyframes and points, as far as they are still there, and removes what does not fit.
+    pub(crate) fn write_back(&self, map: &mut Map) {
+        self.local.write_back(map);
+        for &(point, keyframe) in &self.dropped {
+            map.remove_view(point, keyframe);
+        }
+    }
+}
+
+impl Local {
     fn write_back(&self, map: &mut Map) {
         let moved = self.cameras.iter().zip(&self.problem.cameras);
         for (&id, &pose) in moved.take(self.problem.free) {

@@ -24,6 +24,8 @@ pub(crate) struct Thresholds {
 }
 
 const CELL: usize = 32;
+/// Pixels that are looked at together.
+const LANES: usize = 16;
 const CIRCLE: [(isize, isize); 16] = [
     (0, -3),
     (1, -3),
@@ -92,21 +94,46 @@ impl<'a> Search<'a> {
     fn row(&mut self, y: usize, columns: std::ops::Range<usize>, threshold: u8) -> Vec<usize> {
         self.mark_candidates(y, columns.clone(), threshold);
         let mut found = Vec::new();
-        for (i, chunk) in self.candidates.chunks(8).enumerate() {
-            if chunk.iter().all(|&c| c == 0) {
+        for (i, chunk) in self.candidates.chunks(LANES).enumerate() {
+            if chunk.iter().fold(0, |any, &c| any | c) == 0 {
                 continue;
             }
-            for (j, _) in chunk.iter().enumerate().filter(|&(_, &c)| c != 0) {
-                let x = columns.start + 8 * i + j;
-                let at = y * self.image.width + x;
-                if let Some(score) = self.score(at, threshold) {
-                    self.scores[at] = score;
-                    self.found.push(at);
-                    found.push(x);
-                }
+            let at = y * self.image.width + columns.start + LANES * i;
+            let corner = self.arcs(at, threshold);
+            for (j, _) in corner[..chunk.len()]
+                .iter()
+                .enumerate()
+                .filter(|&(_, &c)| c != 0)
+            {
+                self.scores[at + j] = self.score(at + j);
+                self.found.push(at + j);
+                found.push(columns.start + LANES * i + j);
             }
         }
         found
+    }
+
+    /// Which of the pixels from `at` on are corners. Loops over neighbouring pixels vectorise: 16 of them take hardly
+    /// longer than one. Near the end of the image the last ones are not looked at; the margin keeps them out anyway.
+    fn arcs(&self, at: usize, threshold: u8) -> [u8; LANES] {
+        let lanes = |offset: isize| -> [u8; LANES] {
+            let from = at.saturating_add_signed(offset);
+            let part = self.image.pixels.get(from..from + LANES);
+            part.and_then(|p| p.try_into().ok())
+                .unwrap_or_else(|| self.ragged(from))
+        };
+        let center = lanes(0);
+        let above = center.map(|c| c.saturating_add(threshold));
+        let below = center.map(|c| c.saturating_sub(threshold));
+        let ring = self.offsets.map(lanes);
+        let longest_bright = longest_run(|k, i| ring[k][i] > above[i]);
+        let longest_dark = longest_run(|k, i| ring[k][i] < below[i]);
+        std::array::from_fn(|i| u8::from(longest_bright[i].max(longest_dark[i]) >= 9))
+    }
+
+    /// The pixels from here to the end of the image, and black ones after it.
+    fn ragged(&self, from: usize) -> [u8; LANES] {
+        std::array::from_fn(|i| self.image.pixels.get(from + i).copied().unwrap_or(0))
     }
 
     /// Nine in a row cover at least one end of each diameter: a loop over whole rows, which vectorises.
@@ -127,23 +154,16 @@ impl<'a> Search<'a> {
         }
     }
 
-    fn score(&self, at: usize, threshold: u8) -> Option<u8> {
+    /// The highest threshold at which a corner still is one.
+    fn score(&self, at: usize) -> u8 {
         let center = i16::from(self.image.pixels[at]);
-        let threshold = i16::from(threshold);
-        let difference = self
-            .offsets
-            .map(|o| i16::from(self.image.pixels[at.saturating_add_signed(o)]) - center);
-        let (mut bright, mut dark) = (0u32, 0u32);
-        for (i, &d) in difference.iter().enumerate() {
-            bright |= u32::from(d > threshold) << i;
-            dark |= u32::from(d < -threshold) << i;
+        let mut difference = [0i16; 16];
+        for (d, &o) in difference.iter_mut().zip(&self.offsets) {
+            *d = i16::from(self.image.pixels[at.saturating_add_signed(o)]) - center;
         }
-        if !nine_in_a_row(bright) && !nine_in_a_row(dark) {
-            return None;
-        }
-        let strength =
-            weakest_of_best_arc(&difference).max(weakest_of_best_arc(&difference.map(|d| -d)));
-        Some(strength.clamp(1, 255) as u8)
+        let bright = weakest_of_best_arc(&difference);
+        let dark = weakest_of_best_arc(&difference.map(|d| -d));
+        bright.max(dark).clamp(1, 255) as u8
     }
 
     /// Those that beat their eight neighbours; of equals, the first.
@@ -168,12 +188,19 @@ impl<'a> Search<'a> {
     }
 }
 
-fn nine_in_a_row(mask: u32) -> bool {
-    let ring = mask | mask << 16;
-    let two = ring & ring >> 1;
-    let four = two & two >> 2;
-    let eight = four & four >> 4;
-    eight & ring >> 8 != 0
+/// Of each lane, the most neighbours in a row, around the circle, for which `holds`.
+fn longest_run(holds: impl Fn(usize, usize) -> bool) -> [u8; LANES] {
+    let mut run = [0u8; LANES];
+    let mut longest = [0u8; LANES];
+    // A run that ends at the last neighbour but eight and goes on at the first is seen in the second round.
+    for k in 0..24 {
+        for i in 0..LANES {
+            let counts = if holds(k % 16, i) { 0xff } else { 0 };
+            run[i] = (run[i] + 1) & counts;
+            longest[i] = longest[i].max(run[i]);
+        }
+    }
+    longest
 }
 
 fn weakest_of_best_arc(difference: &[i16; 16]) -> i16 {
@@ -189,6 +216,8 @@ fn weakest_of_best_arc(difference: &[i16; 16]) -> i16 {
 
 #[cfg(test)]
 mod tests {
+    use proptest::prelude::*;
+
     use super::*;
 
     const THRESHOLDS: Thresholds = Thresholds {
@@ -227,10 +256,45 @@ mod tests {
     }
 
     #[test]
-    fn nine_in_a_row_wraps_around() {
-        assert!(nine_in_a_row(0b1_1111_1111));
-        assert!(nine_in_a_row(0b1111_0000_0001_1111));
-        assert!(!nine_in_a_row(0b1111_0000_0000_1111));
+    fn nine_in_a_row_wraps_around_the_circle_and_eight_are_not_enough() {
+        let lengths = [0, 8, 9, 16];
+        for (length, start) in lengths
+            .into_iter()
+            .flat_map(|l| (0..16).map(move |s| (l, s)))
+        {
+            let is_set = |k: usize| (k + 16 - start) % 16 < length;
+            let longest = longest_run(|k, lane| lane == 3 && is_set(k));
+            let expected = if length == 16 { 24 } else { length };
+            assert_eq!(usize::from(longest[3]), expected, "{length} from {start}");
+            assert_eq!(longest[4], 0, "lanes do not mix");
+        }
+    }
+
+    /// By the definition, one pixel after the other.
+    fn is_corner(image: &Gray, x: usize, y: usize, threshold: u8) -> bool {
+        let center = i16::from(image.row(y)[x]);
+        let ring = CIRCLE.map(|(dx, dy)| {
+            i16::from(image.row(y.saturating_add_signed(dy))[x.saturating_add_signed(dx)]) - center
+        });
+        let arc = |sign: i16| {
+            (0..16).any(|from| (0..9).all(|k| sign * ring[(from + k) % 16] > i16::from(threshold)))
+        };
+        arc(1) || arc(-1)
+    }
+
+    proptest! {
+        #[test]
+        fn a_row_has_the_corners_of_the_definition(
+            pixels in proptest::collection::vec(prop_oneof![0..=60u8, 190..=255u8, any::<u8>()], 45 * 9),
+            threshold in 1..120u8,
+        ) {
+            let image = Gray { width: 45, height: 9, pixels };
+            for y in [3, 4, 5] {
+                let found = Search::new(&image).row(y, 3..42, threshold);
+                let expected: Vec<usize> = (3..42).filter(|&x| is_corner(&image, x, y, threshold)).collect();
+                prop_assert_eq!(found, expected);
+            }
+        }
     }
 
     #[test]

@@ -14,7 +14,7 @@
 //! The world has z up and the floor at z = 0, fitted in the frame that starts the map, the first with enough features
 //! that have depth; its origin is below the camera of that frame.
 //!
-//! Deterministic: the same frames give the same result, bit for bit. One thread. Memory is bounded by
+//! Deterministic: the same frames give the same result, bit for bit, with [`Settings::threaded`] or without. Memory is bounded by
 //! [`Settings::max_keyframes`] and [`Settings::max_points`], apart from the trajectory (120 bytes a frame).
 //!
 //! ```
@@ -44,6 +44,7 @@ mod dense;
 mod dynamics;
 mod fast;
 mod features;
+mod front_end;
 mod level;
 mod map;
 mod mapping;
@@ -57,12 +58,16 @@ mod settings;
 mod slam;
 mod solver;
 mod spread;
+mod stage;
 mod tracked;
 mod tracking;
+mod worker;
 
 pub use aid::{Aid, Fix, Mobility, Object};
 pub use dense::DenseKeyframe;
+pub use front_end::{FrontEnd, Look};
 pub use level::Floor;
 pub use settings::{Moving, Settings};
 pub use slam::Slam;
+pub use stage::Stage;
 pub use tracked::{FrameError, Overlay, State, Tracked};

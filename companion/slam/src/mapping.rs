@@ -2,7 +2,6 @@
 
 use nalgebra::{Isometry3, Point3, Vector3};
 
-use crate::bundle;
 use crate::coarse::clear_of;
 use crate::map::{Keyframe, KeyframeId, Map, PointId};
 use crate::matching::{Sighting, expected_points};
@@ -122,11 +121,6 @@ pub(crate) fn forget_masked(optics: &Optics, map: &mut Map, id: KeyframeId) {
     for point in masked {
         map.remove_view(point, id);
     }
-}
-
-/// Adjusts the poses of the window and the points they see.
-pub(crate) fn adjust_window(optics: &Optics, map: &mut Map, window: &[KeyframeId]) {
-    bundle::adjust(optics, map, window);
 }
 
 /// Forgets points that are hardly ever found again, and what is over the limits.

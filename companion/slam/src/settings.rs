@@ -36,6 +36,8 @@ pub struct Settings {
     pub max_points: usize,
     /// What is done about people and vehicles in view.
     pub moving: Moving,
+    /// Whether the map is adjusted in a thread of its own. The result is the same, bit for bit.
+    pub threaded: bool,
     /// Seed of the random samples of plane and pose searches.
     pub seed: u64,
 }
@@ -54,6 +56,7 @@ impl Default for Settings {
             max_keyframes: 150,
             max_points: 30_000,
             moving: Moving::Reject,
+            threaded: true,
             seed: 1,
         }
     }

@@ -1,6 +1,7 @@
 //! The state machine: a map is started, followed, lost and found again.
 
 use std::collections::VecDeque;
+use std::sync::Arc;
 
 use maps::camera::{Pinhole, RgbdFrame};
 use maps::frame::{Camera, Isometry, World};
@@ -10,10 +11,10 @@ use rand_pcg::Pcg64;
 use rand_pcg::rand_core::SeedableRng as _;
 
 use crate::aid::Aid;
-use crate::coarse::Coarse;
+use crate::bundle::{Local, Solved};
 use crate::dense::{DenseKeyframe, Pending};
 use crate::dynamics::{self, Mask};
-use crate::features::{DepthRange, Extractor};
+use crate::front_end::{FrontEnd, Look};
 use crate::level::{self, Floor, Plane};
 use crate::map::{Keyframe, KeyframeId, Map};
 use crate::mapping;
@@ -23,19 +24,26 @@ use crate::optics::Optics;
 use crate::revisit;
 use crate::settings::{Moving, Settings};
 use crate::solver::Fit;
+use crate::stage::{Stage, Watch};
 use crate::tracked::{FrameError, Overlay, State, Tracked};
 use crate::tracking::{self, Located};
+use crate::worker::Worker;
 
 /// The least number of features with depth that starts a map.
 const FEWEST_TO_START: usize = 80;
+/// So many frames after a keyframe its adjustment is due: sooner than the next keyframe can come.
+const ADJUSTED_AFTER: usize = 3;
 /// Covariance of a pose that is not known.
 const UNKNOWN: f64 = 1e6;
 
 /// RGB-D SLAM: frames in, poses and dense keyframes out.
 pub struct Slam {
     settings: Settings,
-    optics: Optics,
-    extractor: Extractor,
+    front_end: FrontEnd,
+    /// The front end's.
+    optics: Arc<Optics>,
+    watch: Option<Watch>,
+    mapper: Worker<Solved>,
     rng: Pcg64,
     map: Map,
     state: State,
@@ -68,12 +76,21 @@ struct Logged {
     reference_from_camera: Isometry3<f64>,
 }
 
+/// Where the system gives no thread, the work is done in the caller's.
+fn mapper(settings: &Settings) -> Worker<Solved> {
+    let thread = settings.threaded.then(|| Worker::thread("slam-map").ok());
+    thread.flatten().unwrap_or(Worker::Here(None))
+}
+
 impl Slam {
     /// SLAM for this camera, with an empty map.
     pub fn new(camera: Pinhole, settings: Settings) -> Self {
+        let front_end = FrontEnd::new(camera, &settings);
         Self {
-            optics: Optics::new(camera),
-            extractor: Extractor::new(settings.features),
+            optics: Arc::clone(&front_end.optics),
+            front_end,
+            watch: None,
+            mapper: mapper(&settings),
             rng: Pcg64::seed_from_u64(settings.seed),
             map: Map::default(),
             state: State::Searching,
@@ -104,12 +121,34 @@ impl Slam {
 
     /// The same with what else is known of the frame.
     pub fn track_aided(&mut self, frame: &RgbdFrame, aid: &Aid<'_>) -> Result<Tracked, FrameError> {
-        self.check(frame)?;
+        let look = self.front_end.look(frame)?;
+        self.lap(Stage::Features);
+        self.track_look(frame, look, aid)
+    }
+
+    /// Finds features as [`Slam::track`] does; for another thread, ahead of [`Slam::track_look`].
+    pub fn front_end(&self) -> FrontEnd {
+        self.front_end.clone()
+    }
+
+    /// Has `watch` told whenever a stage of a frame is over, in the thread that tracks: it may read a clock.
+    pub fn watch(&mut self, watch: impl FnMut(Stage) + Send + 'static) {
+        self.watch = Some(Box::new(watch));
+    }
+
+    /// The same as [`Slam::track_aided`], for a frame in which features were sought before.
+    pub fn track_look(
+        &mut self,
+        frame: &RgbdFrame,
+        look: Look,
+        aid: &Aid<'_>,
+    ) -> Result<Tracked, FrameError> {
+        self.check(frame, &look)?;
         self.last.at = Some(frame.at);
-        let depths = self.depths();
-        let features = self.extractor.extract(&self.optics, frame, depths);
-        let coarse = Coarse::new(&self.optics, frame, depths);
-        let mut now = Sighting::new(&self.optics, features, coarse);
+        if self.last.frames_since_keyframe + 1 >= ADJUSTED_AFTER {
+            self.take_adjustment();
+        }
+        let mut now = Sighting::new(&self.optics, look.features, look.coarse);
         let keyframe = match self.state {
             State::Searching => self.start(frame, now),
             State::Tracking | State::Lost { .. } => match self.locate(frame.at, &mut now, aid) {
@@ -127,6 +166,7 @@ impl Slam {
 
     /// Ends the recording: all keyframes that were not yet taken.
     pub fn finish(&mut self) -> Vec<DenseKeyframe> {
+        self.take_adjustment();
         while let Some(id) = self.window.pop_front() {
             self.settle(id);
         }
@@ -177,29 +217,11 @@ impl Slam {
         (self.map.point_count(), self.map.keyframes.len())
     }
 
-    fn depths(&self) -> DepthRange {
-        DepthRange {
-            min_m: self.settings.min_depth_m as f32,
-            max_m: self.settings.max_depth_m as f32,
-        }
-    }
-
-    fn check(&self, frame: &RgbdFrame) -> Result<(), FrameError> {
-        let camera = &self.optics.camera;
-        if (frame.width, frame.height) != (camera.width, camera.height) {
-            return Err(FrameError::Size {
-                found_width: frame.width,
-                found_height: frame.height,
-                width: camera.width,
-                height: camera.height,
-            });
-        }
-        let expected = frame.width * frame.height;
-        if frame.rgb.len() != expected || frame.depth_m.len() != expected {
-            return Err(FrameError::Length {
-                expected,
-                rgb: frame.rgb.len(),
-                depth: frame.depth_m.len(),
+    fn check(&self, frame: &RgbdFrame, look: &Look) -> Result<(), FrameError> {
+        if look.at != frame.at {
+            return Err(FrameError::OtherLook {
+                at: frame.at,
+                look: look.at,
             });
         }
         match self.last.at {
@@ -252,9 +274,14 @@ impl Slam {
             self.next_try += 1;
             known.find_again(&candidates, now, &mut self.rng)
         })?;
+        self.lap(Stage::Pose);
         let fit = match self.settings.moving {
             Moving::Ignore => fit,
-            Moving::Reject => self.reject_moving(now, fit)?,
+            Moving::Reject => {
+                let fit = self.reject_moving(now, fit)?;
+                self.lap(Stage::Moving);
+                fit
+            }
         };
         (fit.agreeing >= tracking::FEWEST).then_some(fit)
     }
@@ -303,6 +330,7 @@ impl Slam {
         let keyframe = self.needs_keyframe(fit.agreeing);
         if keyframe {
             self.insert_keyframe(frame);
+            self.lap(Stage::Keyframe);
         }
         self.record(frame.at);
         keyframe
@@ -331,6 +359,7 @@ impl Slam {
     }
 
     fn insert_keyframe(&mut self, frame: &RgbdFrame) {
+        self.take_adjustment();
         let now = &self.last.sighting;
         let keyframe = Keyframe {
             at: frame.at,
@@ -340,7 +369,7 @@ impl Slam {
             coarse: now.coarse.clone(),
             pending: Some(Pending::new(
                 frame,
-                self.depths(),
+                self.front_end.depths,
                 self.settings.dense_stride,
             )),
             tracked: now.matched(),
@@ -351,22 +380,54 @@ impl Slam {
         let window = self.window.make_contiguous();
         revisit::correct_drift(&self.optics, &mut self.map, window, &mut self.rng);
         mapping::add_points(&self.optics, &mut self.map, id);
-        mapping::adjust_window(&self.optics, &mut self.map, self.window.make_contiguous());
+        if let Some(k) = self.map.keyframes.get_mut(&id) {
+            k.tracked = k.points.iter().flatten().count();
+        }
+        self.resume_from(id);
+        if let Some(local) = Local::new(&self.map, self.window.make_contiguous()) {
+            let optics = Arc::clone(&self.optics);
+            self.mapper.start(move || local.solve(&optics));
+        }
+        self.last.frames_since_keyframe = 0;
+    }
+
+    /// Puts the adjusted window into the map and tidies up, if it was not done since the last keyframe.
+    fn take_adjustment(&mut self) {
+        let Some(solved) = self.mapper.take() else {
+            return;
+        };
+        let Some(&newest) = self.window.back() else {
+            return;
+        };
+        let newest_from_camera = self.pose_of(newest).inverse() * self.last.motion.pose;
+        solved.write_back(&mut self.map);
         while self.window.len() > self.settings.window.max(2) {
             if let Some(oldest) = self.window.pop_front() {
                 self.settle(oldest);
             }
         }
         mapping::cull(&mut self.map, self.window.make_contiguous(), &self.settings);
-        if let Some(k) = self.map.keyframes.get_mut(&id) {
-            k.tracked = k.points.iter().flatten().count();
+        self.correct(self.pose_of(newest) * newest_from_camera);
+    }
+
+    fn pose_of(&self, keyframe: KeyframeId) -> Isometry3<f64> {
+        self.map.poses[keyframe.0 as usize]
+    }
+
+    /// The last frame was this keyframe: its points and pose are those to go on from.
+    fn resume_from(&mut self, id: KeyframeId) {
+        if let Some(k) = self.map.keyframes.get(&id) {
             self.last.sighting.points.clone_from(&k.points);
-            if self.last.motion.is_off(&k.world_from_camera) {
-                self.reset_counter = self.reset_counter.wrapping_add(1);
-            }
-            self.last.motion.correct(k.world_from_camera);
+            self.correct(k.world_from_camera);
         }
-        self.last.frames_since_keyframe = 0;
+    }
+
+    /// The last frame was taken from this pose, as known now.
+    fn correct(&mut self, pose: Isometry3<f64>) {
+        if self.last.motion.is_off(&pose) {
+            self.reset_counter = self.reset_counter.wrapping_add(1);
+        }
+        self.last.motion.correct(pose);
     }
 
     /// A keyframe's pose is final: its mask is judged once more by all that was seen since, and it is handed out.
@@ -383,6 +444,12 @@ impl Slam {
                 world_from_camera: Isometry::claim(k.world_from_camera),
                 points: pending.points(&self.optics, &k.coarse),
             });
+        }
+    }
+
+    fn lap(&mut self, stage: Stage) {
+        if let Some(watch) = &mut self.watch {
+            watch(stage);
         }
     }
 

@@ -84,6 +84,14 @@ pub enum FrameError {
         /// Pixels of the depth image.
         depth: usize,
     },
+    /// Features were sought in another frame.
+    #[error("the features are of the frame of {look} s, the frame is of {at} s")]
+    OtherLook {
+        /// When the frame was taken.
+        at: Stamp,
+        /// When the frame was taken in which features were sought.
+        look: Stamp,
+    },
     /// The frame is not later than the one before.
     #[error("the frame of {at} s is not later than the one before, of {before} s")]
     Order {
