@@ -137,7 +137,7 @@ pub(crate) fn cull(map: &mut Map, window: &[KeyframeId], settings: &Settings) {
     for id in lost {
         map.remove_point(id);
     }
-    cull_keyframes(map, window, settings.max_keyframes.max(2 * window.len()));
+    cull_keyframes(map, window, settings.max_keyframes.max(2 * settings.window));
     let surplus = map.point_count().saturating_sub(settings.max_points);
     if surplus > 0 {
         let mut ranked: Vec<_> = map

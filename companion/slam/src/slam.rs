@@ -380,6 +380,7 @@ impl Slam {
         let window = self.window.make_contiguous();
         revisit::correct_drift(&self.optics, &mut self.map, window, &mut self.rng);
         mapping::add_points(&self.optics, &mut self.map, id);
+        mapping::cull(&mut self.map, self.window.make_contiguous(), &self.settings);
         if let Some(k) = self.map.keyframes.get_mut(&id) {
             k.tracked = k.points.iter().flatten().count();
         }
@@ -406,7 +407,6 @@ impl Slam {
                 self.settle(oldest);
             }
         }
-        mapping::cull(&mut self.map, self.window.make_contiguous(), &self.settings);
         self.correct(self.pose_of(newest) * newest_from_camera);
     }
 
