@@ -29,6 +29,8 @@ pub(crate) struct Feature {
     pub(crate) octave: u8,
     /// Distance along the optical axis; `None` where unknown or at a jump in depth.
     pub(crate) depth_m: Option<f64>,
+    /// Whether the sensor sees nothing in reach here: perhaps it is too far.
+    pub(crate) is_far: bool,
     pub(crate) descriptor: Descriptor,
 }
 
@@ -81,6 +83,7 @@ impl Extractor {
                     ideal: optics.ideal(raw),
                     octave: octave as u8,
                     depth_m: depths.smooth_depth(frame, raw),
+                    is_far: depths.out_of_reach(frame, raw),
                     descriptor: self.brief.describe(&smooth, corner.x, corner.y, angle),
                 });
             }
@@ -100,6 +103,21 @@ impl DepthRange {
     /// The depth if it is one the sensor can measure; NaN is not.
     pub(crate) fn check(self, depth_m: f32) -> Option<f32> {
         (depth_m >= self.min_m && depth_m <= self.max_m).then_some(depth_m)
+    }
+
+    /// Whether nothing in reach is measured at a pixel and two pixels around it.
+    fn out_of_reach(self, frame: &RgbdFrame, raw: [f64; 2]) -> bool {
+        let (x, y) = (raw[0].round() as usize, raw[1].round() as usize);
+        let columns = x.saturating_sub(2)..=(x + 2).min(frame.width - 1);
+        let mut pixels = (y.saturating_sub(2)..=(y + 2).min(frame.height - 1)).flat_map(|row| {
+            columns
+                .clone()
+                .map(move |column| row * frame.width + column)
+        });
+        pixels.all(|at| {
+            let d = frame.depth_m[at];
+            self.check(d).is_none() && !(d > 0.0 && d < self.min_m)
+        })
     }
 
     /// The depth at a pixel whose neighbours two pixels away lie on the same surface: at a jump in depth, colour and

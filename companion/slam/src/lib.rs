@@ -61,6 +61,7 @@ mod spread;
 mod stage;
 mod tracked;
 mod tracking;
+mod triangulate;
 mod worker;
 
 pub use aid::{Aid, Fix, Mobility, Object};

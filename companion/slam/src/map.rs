@@ -290,6 +290,7 @@ mod tests {
             ideal: [1.0, 1.0],
             octave: 0,
             depth_m: Some(1.0),
+            is_far: false,
             descriptor: Descriptor::default(),
         };
         Keyframe {

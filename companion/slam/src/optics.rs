@@ -8,7 +8,7 @@ use maps::frame::{Camera, Point};
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
 /// Nearest depth at which a projection is trusted, in metres.
-const NEAREST_M: f64 = 0.05;
+pub(crate) const NEAREST_M: f64 = 0.05;
 /// Cells across the image, about.
 const CELLS_ACROSS: usize = 160;
 

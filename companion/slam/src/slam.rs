@@ -27,6 +27,7 @@ use crate::solver::Fit;
 use crate::stage::{Stage, Watch};
 use crate::tracked::{FrameError, Overlay, State, Tracked};
 use crate::tracking::{self, Located};
+use crate::triangulate;
 use crate::worker::Worker;
 
 /// The least number of features with depth that starts a map.
@@ -380,6 +381,7 @@ impl Slam {
         let window = self.window.make_contiguous();
         revisit::correct_drift(&self.optics, &mut self.map, window, &mut self.rng);
         mapping::add_points(&self.optics, &mut self.map, id);
+        triangulate::add_far_points(&self.optics, &mut self.map, self.window.make_contiguous());
         mapping::cull(&mut self.map, self.window.make_contiguous(), &self.settings);
         if let Some(k) = self.map.keyframes.get_mut(&id) {
             k.tracked = k.points.iter().flatten().count();
