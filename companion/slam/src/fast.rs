@@ -136,7 +136,8 @@ impl<'a> Search<'a> {
         std::array::from_fn(|i| self.image.pixels.get(from + i).copied().unwrap_or(0))
     }
 
-    /// Nine in a row cover at least one end of each diameter: a loop over whole rows, which vectorises.
+    /// Nine in a row cover at least one end of each diameter, all on the same side of the threshold: two diameters are
+    /// looked at. A loop over whole rows, which vectorises.
     fn mark_candidates(&mut self, y: usize, columns: std::ops::Range<usize>, threshold: u8) {
         let part = |dx: isize, dy: isize| {
             let row = self.image.row(y.saturating_add_signed(dy));
@@ -148,9 +149,11 @@ impl<'a> Search<'a> {
         self.candidates.resize(columns.len(), 0);
         let ends = center.iter().zip(up).zip(down).zip(left).zip(right);
         for (mark, ((((&c, &u), &d), &l), &r)) in self.candidates.iter_mut().zip(ends) {
-            let vertical = u.abs_diff(c).max(d.abs_diff(c));
-            let horizontal = l.abs_diff(c).max(r.abs_diff(c));
-            *mark = u8::from(vertical.min(horizontal) > threshold);
+            let brightest = u.max(d).min(l.max(r));
+            let darkest = u.min(d).max(l.min(r));
+            let is_bright = brightest > c.saturating_add(threshold);
+            let is_dark = darkest < c.saturating_sub(threshold);
+            *mark = u8::from(is_bright) | u8::from(is_dark);
         }
     }
 

@@ -6,11 +6,9 @@ use maps::camera::RgbdFrame;
 use crate::brief::{Brief, Descriptor, REACH};
 use crate::fast::{Thresholds, corners};
 use crate::optics::Optics;
-use crate::pyramid::{Gray, Pyramid};
+use crate::pyramid::{Gray, Pyramid, SCALE};
 use crate::spread::spread;
 
-/// Ratio of the sizes of neighbouring pyramid levels.
-pub(crate) const SCALE: f64 = 1.2;
 /// Pyramid levels.
 pub(crate) const LEVELS: usize = 8;
 const THRESHOLDS: Thresholds = Thresholds {
@@ -63,20 +61,17 @@ impl Extractor {
         depths: DepthRange,
     ) -> Vec<Feature> {
         let base = Gray::from_rgb(frame.width, frame.height, &frame.rgb);
-        let pyramid = Pyramid::new(base, LEVELS, SCALE, 2 * REACH + 8);
+        let pyramid = Pyramid::new(base, LEVELS, 2 * REACH + 8);
         let mut features = Vec::with_capacity(self.quotas.iter().sum());
         for (octave, (image, &quota)) in pyramid.levels.iter().zip(&self.quotas).enumerate() {
             let found = corners(image, REACH, THRESHOLDS);
             let smooth = image.blurred();
-            let to_base = [
-                frame.width as f64 / image.width as f64,
-                frame.height as f64 / image.height as f64,
-            ];
+            let scale = scale_of(octave as u8);
             for corner in spread(found, image.width, image.height, quota) {
                 let angle = self.brief.angle(image, corner.x, corner.y);
                 let raw = [
-                    (corner.x as f64 + 0.5) * to_base[0] - 0.5,
-                    (corner.y as f64 + 0.5) * to_base[1] - 0.5,
+                    (corner.x as f64 + 0.5) * scale - 0.5,
+                    (corner.y as f64 + 0.5) * scale - 0.5,
                 ];
                 features.push(Feature {
                     raw: [raw[0] as f32, raw[1] as f32],

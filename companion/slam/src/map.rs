@@ -10,7 +10,8 @@ use nalgebra::{Isometry3, Vector3};
 use crate::brief::Descriptor;
 use crate::coarse::Coarse;
 use crate::dense::Pending;
-use crate::features::{Feature, LEVELS, SCALE, scale_of};
+use crate::features::{Feature, LEVELS, scale_of};
+use crate::pyramid::SCALE;
 
 /// Names a keyframe for ever; later ones are larger.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
