@@ -290,7 +290,16 @@ fn accuracy(folder: &Path, slam: &Slam, outcomes: &[Tracked]) -> Result<()> {
             .collect(),
     );
     let live = outcomes.iter().filter(|o| o.state == State::Tracking);
+    let sigmas: BTreeMap<Stamp, f64> = live
+        .clone()
+        .map(|o| (o.at, o.covariance.fixed_view::<3, 3>(0, 0).trace()))
+        .collect();
     let live = pair(live.map(|o| (o.at, o.world_from_camera.raw)).collect());
+    let told: f64 = live.iter().filter_map(|(at, ..)| sigmas.get(at)).sum();
+    println!(
+        "told standard deviation of the position, RMS {:.4} m",
+        (told / live.len().max(1) as f64).sqrt()
+    );
     println!(
         "ATE RMSE {:.4} m, of the poses as first told {:.4} m",
         ate(&final_poses),

@@ -41,6 +41,7 @@ mod brief;
 mod bundle;
 mod coarse;
 mod dense;
+mod drift;
 mod dynamics;
 mod fast;
 mod features;

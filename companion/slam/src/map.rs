@@ -10,6 +10,7 @@ use nalgebra::{Isometry3, Vector3};
 use crate::brief::Descriptor;
 use crate::coarse::Coarse;
 use crate::dense::Pending;
+use crate::drift::Drift;
 use crate::features::{Feature, LEVELS, scale_of};
 use crate::pyramid::SCALE;
 
@@ -42,6 +43,8 @@ pub(crate) struct MapPoint {
     /// Keyframes that look through it.
     pub(crate) seen_through: u32,
     pub(crate) born: KeyframeId,
+    /// How far it may be off, with the map around it.
+    pub(crate) drift: Drift,
 }
 
 impl MapPoint {
@@ -63,6 +66,8 @@ pub(crate) struct Keyframe {
     pub(crate) pending: Option<Pending>,
     /// Map points tracked when it was made: what later frames are compared with.
     pub(crate) tracked: usize,
+    /// How far its pose may be off.
+    pub(crate) drift: Drift,
 }
 
 #[derive(Default)]
@@ -154,6 +159,7 @@ impl Map {
             found: 1,
             seen_through: 0,
             born: keyframe,
+            drift: k.drift,
         };
         let slot = self.free.pop().unwrap_or_else(|| {
             self.slots.push(Slot::default());
@@ -302,6 +308,7 @@ mod tests {
             coarse: Coarse::default(),
             pending: None,
             tracked: 0,
+            drift: Drift::default(),
         }
     }
 

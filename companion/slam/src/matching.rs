@@ -51,6 +51,17 @@ impl Sighting {
         self.points.iter().flatten().count()
     }
 
+    /// Of the features that show a point and have a depth; 0 if none has.
+    pub(crate) fn median_depth_m(&self) -> f64 {
+        let matched = self.features.iter().zip(&self.points);
+        let mut depths: Vec<f64> = matched.filter_map(|(f, p)| p.and(f.depth_m)).collect();
+        let middle = depths.len() / 2;
+        if depths.is_empty() {
+            return 0.0;
+        }
+        *depths.select_nth_unstable_by(middle, f64::total_cmp).1
+    }
+
     /// A feature that two points want goes to the more similar one.
     pub(crate) fn claim(&mut self, feature: usize, point: PointId, distance: u32) {
         if distance < self.distances[feature] {

@@ -1,7 +1,7 @@
 //! The camera's motion, to guess the next pose: constant velocity.
 
 use maps::time::Stamp;
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
 
 /// The last pose, and the velocity that led to it.
 #[derive(Clone, Debug, Default)]
@@ -39,6 +39,12 @@ impl Motion {
             UnitQuaternion::from_scaled_axis(self.angular * dt),
         );
         self.pose * step
+    }
+
+    /// Velocity in the camera: translation first, m/s and rad/s.
+    pub(crate) fn twist(&self) -> Vector6<f64> {
+        let (v, w) = (&self.linear, &self.angular);
+        Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)
     }
 
     /// Whether `pose` is too far from where the camera should be.

@@ -13,6 +13,7 @@ use rand_pcg::rand_core::SeedableRng as _;
 use crate::aid::Aid;
 use crate::bundle::{Local, Solved};
 use crate::dense::{DenseKeyframe, Pending};
+use crate::drift::{self, Drift};
 use crate::dynamics::{self, Mask};
 use crate::front_end::{FrontEnd, Look};
 use crate::level::{self, Floor, Plane};
@@ -325,7 +326,7 @@ impl Slam {
         mapping::count_found(&self.optics, &mut self.map, &now, &pose);
         let moving = |raw: [f32; 2]| now.coarse.moving[self.optics.cell_at(raw)];
         self.last.rejected = now.features.iter().filter(|f| moving(f.raw)).count();
-        self.last.covariance = fit.covariance;
+        self.last.covariance = self.uncertainty(&now, fit);
         self.last.sighting = now;
         self.last.frames_since_keyframe += 1;
         let keyframe = self.needs_keyframe(fit.agreeing);
@@ -335,6 +336,12 @@ impl Slam {
         }
         self.record(frame.at);
         keyframe
+    }
+
+    fn uncertainty(&self, now: &Sighting, fit: &Fit) -> Matrix6<f64> {
+        let twist = self.last.motion.twist();
+        let shared = drift::shared(self.optics.camera.fx, now.median_depth_m(), &twist);
+        Drift::of(&self.map, &now.points).widen(&(fit.covariance + shared))
     }
 
     fn lose(&mut self, at: Stamp, now: Sighting) -> bool {
@@ -374,6 +381,7 @@ impl Slam {
                 self.settings.dense_stride,
             )),
             tracked: now.matched(),
+            drift: Drift::from_covariance(&self.last.covariance),
         };
         let id = self.map.add_keyframe(keyframe);
         mapping::forget_seen_through(&self.optics, &mut self.map, id);

@@ -27,8 +27,8 @@ pub struct Tracked {
     pub state: State,
     /// The camera's pose; unless tracking, the last one known.
     pub world_from_camera: Isometry<World, Camera>,
-    /// Covariance of the pose's right perturbation, translation first (m², m·rad, rad²), relative to the map; unless
-    /// tracking, 10⁶ on the diagonal: unknown.
+    /// Covariance of the pose's right perturbation, translation first (m², m·rad, rad²), relative to the first pose: of
+    /// the fit, and of the map it was fitted to. Unless tracking, 10⁶ on the diagonal: unknown.
     pub covariance: Matrix6<f64>,
     /// How often the pose has jumped so far: no motion happened between the poses before and after.
     pub reset_counter: u32,
