@@ -36,6 +36,7 @@
 //! # Ok::<(), slam::FrameError>(())
 //! ```
 
+mod ahead;
 mod aid;
 mod brief;
 mod bundle;
@@ -65,6 +66,7 @@ mod tracking;
 mod triangulate;
 mod worker;
 
+pub use ahead::{Ahead, Looked};
 pub use aid::{Aid, Fix, Mobility, Object};
 pub use dense::DenseKeyframe;
 pub use front_end::{FrontEnd, Look};
