@@ -5,6 +5,7 @@
 //! - [`tum`]: a folder in the layout of the TUM and Bonn RGB-D data sets.
 //! - [`mcap`]: a file of ROS 2 messages, read and written.
 //! - [`zenoh`]: the same messages live, from and to nodes with `rmw_zenoh`.
+//! - [`beside`]: what other sensors say beside a frame.
 //! - [`prefetch`]: any source, decoded ahead on a thread of its own.
 //! - [`message`], [`ros`], [`cdr`]: the messages and their encoding.
 
@@ -14,9 +15,11 @@ use maps::camera::{Pinhole, RgbdFrame};
 use maps::time::Stamp;
 use nalgebra::Isometry3;
 
+use crate::beside::Beside;
 use crate::live::Live;
 use crate::ros::CameraInfo;
 
+pub mod beside;
 pub mod cdr;
 mod error;
 mod image;
@@ -57,6 +60,11 @@ pub trait RgbdSource: Send {
 
     /// The next frame; `None` after the last one. After an error there are no more frames.
     fn next_frame(&mut self) -> Result<Option<RgbdFrame>, SourceError>;
+
+    /// What other sensors measured up to the frame that was given last.
+    fn beside(&self) -> Beside {
+        Beside::default()
+    }
 
     /// A handle by which others end the wait for a frame; `None` where frames need not be waited for.
     fn live(&self) -> Option<Live> {

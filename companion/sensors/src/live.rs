@@ -69,8 +69,6 @@ impl Live {
 pub(crate) struct Inbox {
     queues: Mutex<Queues>,
     changed: Condvar,
-    /// How many messages each queue holds.
-    depth: usize,
     /// How many bytes each queue holds; a single message may have more.
     most_bytes: usize,
 }
@@ -85,6 +83,8 @@ struct Queues {
 
 #[derive(Debug, Default)]
 struct Queue {
+    /// How many messages it holds.
+    depth: usize,
     /// With their numbers in order of arrival.
     messages: VecDeque<(u64, Received)>,
     bytes: usize,
@@ -102,9 +102,14 @@ pub(crate) enum Taken {
 }
 
 impl Inbox {
-    pub(crate) fn new(queues: usize, depth: usize, most_bytes: usize) -> Self {
+    /// A queue for each number of messages that it shall hold.
+    pub(crate) fn new(depths: &[usize], most_bytes: usize) -> Self {
+        let queue = |&depth: &usize| Queue {
+            depth: depth.max(1),
+            ..Queue::default()
+        };
         let queues = Queues {
-            each: (0..queues).map(|_| Queue::default()).collect(),
+            each: depths.iter().map(queue).collect(),
             arrivals: 0,
             stopped: false,
             losses: Losses::default(),
@@ -112,7 +117,6 @@ impl Inbox {
         Self {
             queues: Mutex::new(queues),
             changed: Condvar::new(),
-            depth: depth.max(1),
             most_bytes,
         }
     }
@@ -128,7 +132,7 @@ impl Inbox {
         };
         queue.bytes += message.bytes.len();
         queue.messages.push_back((number, message));
-        while queue.messages.len() > self.depth
+        while queue.messages.len() > queue.depth
             || (queue.bytes > self.most_bytes && queue.messages.len() > 1)
         {
             if queue.pop().is_some() {
@@ -217,7 +221,7 @@ mod tests {
 
     #[test]
     fn messages_of_all_queues_come_in_the_order_of_their_arrival() {
-        let inbox = Inbox::new(2, 3, 100);
+        let inbox = Inbox::new(&[3, 3], 100);
         for (queue, sequence) in [(1, 1), (0, 2), (0, 3), (1, 4)] {
             inbox.put(queue, message(sequence, 1));
         }
@@ -227,7 +231,7 @@ mod tests {
 
     #[test]
     fn a_full_queue_loses_its_oldest_and_counts_it_and_others_lose_nothing() {
-        let inbox = Inbox::new(2, 2, 100);
+        let inbox = Inbox::new(&[2, 2], 100);
         inbox.put(0, message(1, 1));
         for sequence in 2..=5 {
             inbox.put(1, message(sequence, 1));
@@ -238,7 +242,7 @@ mod tests {
 
     #[test]
     fn a_queue_holds_no_more_bytes_than_it_may_but_always_one_message() {
-        let inbox = Inbox::new(1, 10, 100);
+        let inbox = Inbox::new(&[10], 100);
         inbox.put(0, message(1, 60));
         inbox.put(0, message(2, 60));
         assert_eq!(taken(&inbox), [(0, 2)]);
@@ -249,7 +253,7 @@ mod tests {
 
     #[test]
     fn only_wanted_queues_are_taken_from() {
-        let inbox = Inbox::new(2, 2, 100);
+        let inbox = Inbox::new(&[2, 2], 100);
         inbox.put(0, message(1, 1));
         assert_eq!(
             inbox.take(|queue| queue == 1, Duration::ZERO),
@@ -260,7 +264,7 @@ mod tests {
 
     #[test]
     fn a_wait_ends_when_the_source_is_stopped_from_another_thread() {
-        let inbox = Arc::new(Inbox::new(1, 2, 100));
+        let inbox = Arc::new(Inbox::new(&[2], 100));
         let live = Live(Arc::clone(&inbox));
         let waiting = std::thread::Builder::new()
             .name("waiting".into())

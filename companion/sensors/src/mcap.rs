@@ -22,8 +22,10 @@ use maps::camera::{Pinhole, RgbdFrame};
 use maps::time::Stamp;
 use serde::{Deserialize, Serialize};
 
+use crate::beside::{Beside, Collector};
 use crate::image::{raw_color, raw_depth};
 use crate::pairing::mutual_nearest;
+use crate::ros::vehicle::{self, Imu, NavSatFix};
 use crate::ros::{self, CameraInfo, Image};
 use crate::{RgbdSource, SourceError, TruthPose, checked_camera};
 
@@ -43,6 +45,10 @@ pub struct Topics {
     pub camera_info: String,
     /// `geometry_msgs/msg/PoseStamped`: the true pose. A file need not have it.
     pub truth: String,
+    /// `sensor_msgs/msg/Imu`: the gyroscope. A file need not have it; an empty name is none.
+    pub imu: String,
+    /// `sensor_msgs/msg/NavSatFix`: the satellite receiver. A file need not have it; an empty name is none.
+    pub gnss: String,
 }
 
 impl Default for Topics {
@@ -52,6 +58,8 @@ impl Default for Topics {
             depth: "/uav/camera/depth/image_rect_raw".into(),
             camera_info: "/uav/camera/color/camera_info".into(),
             truth: "/uav/ground_truth/pose".into(),
+            imu: "/uav/imu/data_raw".into(),
+            gnss: "/uav/gnss/fix".into(),
         }
     }
 }
@@ -79,6 +87,8 @@ pub struct McapFile {
     waiting: BTreeMap<Stamp, Half>,
     messages: Option<MessageReader<BufReader<File>>>,
     frames: usize,
+    collector: Collector,
+    beside: Beside,
 }
 
 /// One half of a frame.
@@ -153,6 +163,8 @@ impl McapFile {
             color_of_depth: pairs.iter().map(|&(color, depth)| (depth, color)).collect(),
             waiting: BTreeMap::new(),
             frames: 0,
+            collector: Collector::default(),
+            beside: Beside::default(),
         })
     }
 
@@ -160,6 +172,18 @@ impl McapFile {
     fn take(&mut self, message: &Message<'_>) -> Result<Option<RgbdFrame>, SourceError> {
         let topic = &message.channel.topic;
         let is_color = *topic == self.topics.color;
+        let damaged = |source| SourceError::Message {
+            path: self.path.clone(),
+            topic: topic.clone(),
+            source,
+        };
+        if *topic == self.topics.imu {
+            let imu = Imu::decode(&message.data).map_err(damaged)?;
+            self.collector.add_imu(&imu);
+        } else if *topic == self.topics.gnss {
+            let fix = NavSatFix::decode(&message.data).map_err(damaged)?;
+            self.collector.add_fix(&fix);
+        }
         if !is_color && *topic != self.topics.depth {
             return Ok(None);
         }
@@ -221,6 +245,7 @@ impl McapFile {
             self.color_of_depth.remove(&depth_at);
         }
         self.frames += 1;
+        self.beside = self.collector.until(color_at);
         Ok(Some(RgbdFrame {
             at: color_at,
             width: self.camera.width,
@@ -266,6 +291,10 @@ impl RgbdSource for McapFile {
             }
         }
         Ok(None)
+    }
+
+    fn beside(&self) -> Beside {
+        self.beside
     }
 }
 
@@ -351,6 +380,10 @@ fn check_kind(path: &Path, topics: &Topics, message: &Message<'_>) -> Result<(),
         ros::CAMERA_INFO.name
     } else if *topic == topics.truth {
         ros::POSE_STAMPED.name
+    } else if *topic == topics.imu {
+        vehicle::IMU.name
+    } else if *topic == topics.gnss {
+        vehicle::NAV_SAT_FIX.name
     } else {
         return Ok(());
     };

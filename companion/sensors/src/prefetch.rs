@@ -10,6 +10,7 @@ use std::thread::{Builder, JoinHandle};
 
 use maps::camera::{Pinhole, RgbdFrame};
 
+use crate::beside::Beside;
 use crate::live::Live;
 use crate::{RgbdSource, SourceError, TruthPose};
 
@@ -20,7 +21,9 @@ pub struct Prefetch {
     frame_count: Option<usize>,
     truth: Vec<TruthPose>,
     /// `None` once it has ended.
-    frames: Option<Receiver<Result<RgbdFrame, SourceError>>>,
+    frames: Option<Receiver<Result<(RgbdFrame, Beside), SourceError>>>,
+    /// Beside the frame that was given last.
+    beside: Beside,
     live: Option<Live>,
     /// Gives the source back.
     thread: Option<JoinHandle<Box<dyn RgbdSource>>>,
@@ -37,6 +40,7 @@ impl Prefetch {
             // Ends with the source, at its first error, or when nobody waits for frames any more.
             while let Some(frame) = source.next_frame().transpose() {
                 let failed = frame.is_err();
+                let frame = frame.map(|frame| (frame, source.beside()));
                 if sender.send(frame).is_err() || failed {
                     break;
                 }
@@ -49,6 +53,7 @@ impl Prefetch {
             frame_count,
             truth,
             frames: Some(frames),
+            beside: Beside::default(),
             live,
             thread: Some(thread),
         })
@@ -86,8 +91,16 @@ impl RgbdSource for Prefetch {
     }
 
     fn next_frame(&mut self) -> Result<Option<RgbdFrame>, SourceError> {
-        let frame = self.frames.as_ref().and_then(|frames| frames.recv().ok());
-        frame.transpose()
+        let next = self.frames.as_ref().and_then(|frames| frames.recv().ok());
+        let Some((frame, beside)) = next.transpose()? else {
+            return Ok(None);
+        };
+        self.beside = beside;
+        Ok(Some(frame))
+    }
+
+    fn beside(&self) -> Beside {
+        self.beside
     }
 
     fn live(&self) -> Option<Live> {

@@ -234,7 +234,7 @@ impl Session {
         schema: &Schema,
         depth: usize,
     ) -> Result<Subscriber, ZenohError> {
-        let inbox = Arc::new(Inbox::new(1, depth, LARGEST_MESSAGE));
+        let inbox = Arc::new(Inbox::new(&[depth], LARGEST_MESSAGE));
         let subscription = self.subscribe(topic, schema, depth, (&inbox, 0))?;
         Ok(Subscriber {
             inbox,

@@ -9,11 +9,13 @@ use maps::camera::{Pinhole, RgbdFrame};
 use super::names::Topic;
 use super::pairs::{Kind, More, Pairs, Unused};
 use super::{LARGEST_MESSAGE, Session, Settings, Subscription};
+use crate::beside::{Beside, Collector};
 use crate::cdr::CdrError;
 use crate::error::Silence;
 use crate::image::{raw_color, raw_depth};
 use crate::live::{Inbox, Live, Received, Taken};
 use crate::mcap::Topics;
+use crate::ros::vehicle::{self, Imu, NavSatFix};
 use crate::ros::{self, CameraInfo, Image, Schema};
 use crate::{RgbdSource, SourceError, TruthPose, checked_camera};
 
@@ -38,7 +40,7 @@ impl Default for Patience {
 /// How far apart in time the colour and the depth image of a frame may be, as in a file.
 const MAX_DIFFERENCE: Duration = Duration::from_millis(20);
 
-/// How many messages of each topic may wait. A quarter of a second at 30 Hz: what is older, a slow reader is better without.
+/// How many images may wait. A quarter of a second at 30 Hz: what is older, a slow reader is better without.
 const MOST_WAITING: usize = 8;
 
 /// How many true poses are kept: four hours at 15 Hz.
@@ -49,6 +51,18 @@ const COLOR: usize = 0;
 const DEPTH: usize = 1;
 const CAMERA_INFO: usize = 2;
 const TRUTH: usize = 3;
+const IMU: usize = 4;
+const GNSS: usize = 5;
+
+/// How many messages of each queue may wait. The gyroscope's are small, many, and of no use with gaps.
+const WAITING: [usize; 6] = [
+    MOST_WAITING,
+    MOST_WAITING,
+    MOST_WAITING,
+    MOST_WAITING,
+    512,
+    MOST_WAITING,
+];
 
 /// A camera that is looking now.
 pub struct ZenohSource {
@@ -64,6 +78,8 @@ pub struct ZenohSource {
     pairs: Pairs<Vec<u8>>,
     /// Of the pairs' losses, those that are noted in the inbox.
     noted: Unused,
+    collector: Collector,
+    beside: Beside,
     ended: bool,
 }
 
@@ -84,13 +100,18 @@ impl ZenohSource {
         patience: Patience,
     ) -> Result<Self, SourceError> {
         let session = Session::open(settings)?;
-        let inbox = Arc::new(Inbox::new(4, MOST_WAITING, LARGEST_MESSAGE));
+        let inbox = Arc::new(Inbox::new(&WAITING, LARGEST_MESSAGE));
         let mut subscriptions = Vec::new();
         for (queue, topic) in named(&topics) {
-            // Truth is for simulators; an empty name is none.
-            if queue != TRUTH || !topic.is_empty() {
+            // Truth is for simulators, and not every vehicle has the others; an empty name is none.
+            if queue < TRUTH || !topic.is_empty() {
                 let into = (&inbox, queue);
-                subscriptions.push(session.subscribe(topic, schema(queue), MOST_WAITING, into)?);
+                subscriptions.push(session.subscribe(
+                    topic,
+                    schema(queue),
+                    WAITING[queue],
+                    into,
+                )?);
             }
         }
         let place = PathBuf::from(session.endpoint());
@@ -108,6 +129,8 @@ impl ZenohSource {
             truth: Vec::new(),
             pairs: Pairs::new(MAX_DIFFERENCE),
             noted: Unused::default(),
+            collector: Collector::default(),
+            beside: Beside::default(),
             ended: false,
         })
     }
@@ -157,6 +180,8 @@ impl ZenohSource {
         let outcome = match queue {
             COLOR | DEPTH => self.add_image(queue, message.bytes, heard),
             TRUTH => self.add_truth(&message.bytes),
+            IMU => Imu::decode(&message.bytes).map(|imu| self.collector.add_imu(&imu)),
+            GNSS => NavSatFix::decode(&message.bytes).map(|fix| self.collector.add_fix(&fix)),
             // The camera is known by now.
             _ => Ok(()),
         };
@@ -301,8 +326,15 @@ impl RgbdSource for ZenohSource {
             return Ok(None);
         }
         let frame = self.wait_for_frame();
+        if let Ok(Some(frame)) = &frame {
+            self.beside = self.collector.until(frame.at);
+        }
         self.ended = !matches!(frame, Ok(Some(_)));
         frame
+    }
+
+    fn beside(&self) -> Beside {
+        self.beside
     }
 
     fn live(&self) -> Option<Live> {
@@ -385,8 +417,8 @@ fn damaged(place: &Path, topic: &str, source: CdrError) -> SourceError {
     }
 }
 
-fn named(topics: &Topics) -> [(usize, &str); 4] {
-    [COLOR, DEPTH, CAMERA_INFO, TRUTH].map(|queue| (queue, name(topics, queue)))
+fn named(topics: &Topics) -> [(usize, &str); 6] {
+    [COLOR, DEPTH, CAMERA_INFO, TRUTH, IMU, GNSS].map(|queue| (queue, name(topics, queue)))
 }
 
 fn name(topics: &Topics, queue: usize) -> &str {
@@ -394,6 +426,8 @@ fn name(topics: &Topics, queue: usize) -> &str {
         COLOR => &topics.color,
         DEPTH => &topics.depth,
         CAMERA_INFO => &topics.camera_info,
+        IMU => &topics.imu,
+        GNSS => &topics.gnss,
         _ => &topics.truth,
     }
 }
@@ -402,6 +436,8 @@ fn schema(queue: usize) -> &'static Schema {
     match queue {
         COLOR | DEPTH => &ros::IMAGE,
         CAMERA_INFO => &ros::CAMERA_INFO,
+        IMU => &vehicle::IMU,
+        GNSS => &vehicle::NAV_SAT_FIX,
         _ => &ros::POSE_STAMPED,
     }
 }
