@@ -1,4 +1,4 @@
-//! The threads between the camera and the rest: `sensor-decode` → `slam` → `tile-encode`.
+//! The threads between the camera and the rest: `sensor-decode`, which also seeks features → `slam` → `tile-encode`.
 //!
 //! The channels between them are bounded and a full one makes the sender wait: a recording loses no frame and the map
 //! no tile; what is slow shows as latency. [`uav`] does the work; here are its thread, its pace and its stop-watch.
@@ -14,13 +14,14 @@ use std::time::Duration;
 use maps::camera::RgbdFrame;
 use maps::tile::TileId;
 use maps::time::Stamp;
+use sensors::beside::Beside;
 use sensors::live::{Live, Losses};
 use sensors::mcap::McapFile;
 use sensors::prefetch::Prefetch;
 use sensors::tum::TumFolder;
 use sensors::zenoh::ZenohSource;
 use sensors::{RgbdSource, SourceError};
-use slam::Tracked;
+use slam::{FrameError, Look, Tracked};
 
 use crate::clock::Clock;
 use crate::config::{MappingSettings, Pace, SourcePlace, SourceSettings};
@@ -159,7 +160,8 @@ impl Pipeline {
         let camera = source.camera();
         let live = source.live();
         let ahead = decoded_ahead(source.as_ref());
-        let source = Prefetch::new(source, ahead)?;
+        let front_end = Mapper::front_end(camera, &plan.mapping);
+        let source = Prefetch::with(source, ahead, move |frame| front_end.look(frame))?;
         // A live camera has a pace of its own.
         let pace = live.as_ref().map_or(plan.pace, |_| Pace::Fast);
         let watch = live.clone().map(Watch::new);
@@ -213,6 +215,9 @@ impl Drop for Pipeline {
     }
 }
 
+/// What was found in a frame, ahead of its tracking.
+pub(crate) type Seen = Result<Look, FrameError>;
+
 /// What goes from `slam` to `tile-encode`.
 enum Update {
     Tiles(MapUpdate),
@@ -232,13 +237,13 @@ impl Work<'_> {
     /// Until the source ends, fails or is stopped.
     fn run(
         &mut self,
-        source: &mut Prefetch,
+        source: &mut Prefetch<Seen>,
         stopped: &Receiver<()>,
         updates: &SyncSender<Update>,
     ) -> Ending {
         while stopped.try_recv() == Err(TryRecvError::Empty) {
-            let frame = match source.next_frame() {
-                Ok(Some(frame)) => frame,
+            let (frame, seen) = match source.next_made() {
+                Ok(Some(made)) => made,
                 // A live camera ends when it is stopped.
                 Ok(None) if self.watch.is_some() => return Ending::Stopped,
                 Ok(None) => return Ending::Finished,
@@ -251,7 +256,8 @@ impl Work<'_> {
             if !wait.is_zero() && stopped.recv_timeout(wait) != Err(RecvTimeoutError::Timeout) {
                 break;
             }
-            let done = process(&mut self.mapper, &frame, self.clock);
+            let taken = (&frame, seen, source.beside());
+            let done = process(&mut self.mapper, taken, self.clock);
             let event = (self.clock.now(), Event::FrameDone(Box::new(done)));
             let update = self.mapper.update(frame.at).map(Update::Tiles);
             let delivered = self.events.send(event).is_ok()
@@ -265,9 +271,13 @@ impl Work<'_> {
 }
 
 /// Tracks a frame, puts what has settled into the map, and takes the time.
-pub(crate) fn process(mapper: &mut Mapper, frame: &RgbdFrame, clock: Clock) -> FrameDone {
+pub(crate) fn process(
+    mapper: &mut Mapper,
+    (frame, seen, beside): (&RgbdFrame, Seen, Beside),
+    clock: Clock,
+) -> FrameDone {
     let released = clock.now();
-    let tracked = mapper.track(frame);
+    let tracked = seen.and_then(|look| mapper.track_seen(frame, look, &beside));
     let tracked_at = clock.now();
     let keyframes = mapper.insert_settled();
     FrameDone {
@@ -284,7 +294,7 @@ pub(crate) fn process(mapper: &mut Mapper, frame: &RgbdFrame, clock: Clock) -> F
 /// The last keyframes and tiles, the files, and how good it was.
 fn end(
     mapper: &mut Mapper,
-    source: &Prefetch,
+    source: &Prefetch<Seen>,
     out: &Path,
     ending: Ending,
     updates: &SyncSender<Update>,

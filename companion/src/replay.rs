@@ -14,7 +14,7 @@ use crate::config::Settings;
 use crate::figures::Figures;
 use crate::output::{self, OutputError};
 use crate::pipeline::uav::Mapper;
-use crate::pipeline::{self, Ending, SourceEnded};
+use crate::pipeline::{self, Ending, Seen, SourceEnded};
 use crate::report::Report;
 
 /// Why a recording could not be replayed.
@@ -60,16 +60,21 @@ pub fn replay(
 ) -> Result<Report, ReplayError> {
     let source = pipeline::open_source(&settings.source)?;
     let ahead = pipeline::decoded_ahead(source.as_ref());
-    let mut source = Prefetch::new(source, ahead)?;
+    let front_end = Mapper::front_end(source.camera(), &settings.mapping);
+    let mut source = Prefetch::with(source, ahead, move |frame| front_end.look(frame))?;
     let mut figures = Figures::new(source.name(), source.frame_count(), &settings.mapping);
     let mut mapper = Mapper::new(source.camera(), &settings.mapping);
     let (ending, damage) = loop {
-        let frame = match source.next_frame() {
-            Ok(Some(frame)) => frame,
+        let (frame, seen) = match source.next_made() {
+            Ok(Some(made)) => made,
             Ok(None) => break (Ending::Finished, None),
             Err(error) => break (Ending::Failed(pipeline::chain(&error)), Some(error)),
         };
-        figures.add_frame(&pipeline::process(&mut mapper, &frame, clock));
+        figures.add_frame(&pipeline::process(
+            &mut mapper,
+            (&frame, seen, source.beside()),
+            clock,
+        ));
         let so_far = Progress {
             frames: figures.frames(),
             of: source.frame_count(),
@@ -86,7 +91,7 @@ pub fn replay(
 
 fn conclude(
     mapper: &Mapper,
-    source: &Prefetch,
+    source: &Prefetch<Seen>,
     mut figures: Figures,
     ending: Ending,
     (clock, out): (Clock, &Path),

@@ -14,14 +14,14 @@ use crate::beside::Beside;
 use crate::live::Live;
 use crate::{RgbdSource, SourceError, TruthPose};
 
-/// A source whose frames are decoded ahead.
-pub struct Prefetch {
+/// A source whose frames are decoded ahead, with what else is made of each there.
+pub struct Prefetch<T = ()> {
     name: String,
     camera: Pinhole,
     frame_count: Option<usize>,
     truth: Vec<TruthPose>,
     /// `None` once it has ended.
-    frames: Option<Receiver<Result<(RgbdFrame, Beside), SourceError>>>,
+    frames: Option<Receiver<Result<(RgbdFrame, Beside, T), SourceError>>>,
     /// Beside the frame that was given last.
     beside: Beside,
     live: Option<Live>,
@@ -31,7 +31,18 @@ pub struct Prefetch {
 
 impl Prefetch {
     /// Starts decoding up to `ahead` frames (at least one) of `source`. Fails if the system gives no thread.
-    pub fn new(mut source: Box<dyn RgbdSource>, ahead: usize) -> io::Result<Self> {
+    pub fn new(source: Box<dyn RgbdSource>, ahead: usize) -> io::Result<Self> {
+        Self::with(source, ahead, |_frame| ())
+    }
+}
+
+impl<T: Send + 'static> Prefetch<T> {
+    /// The same, with what `make` makes of each frame, in the same thread.
+    pub fn with(
+        mut source: Box<dyn RgbdSource>,
+        ahead: usize,
+        mut make: impl FnMut(&RgbdFrame) -> T + Send + 'static,
+    ) -> io::Result<Self> {
         let (sender, frames) = sync_channel(ahead.max(1));
         let (name, camera) = (source.name().to_owned(), source.camera());
         let (frame_count, truth) = (source.frame_count(), source.truth().to_vec());
@@ -40,7 +51,10 @@ impl Prefetch {
             // Ends with the source, at its first error, or when nobody waits for frames any more.
             while let Some(frame) = source.next_frame().transpose() {
                 let failed = frame.is_err();
-                let frame = frame.map(|frame| (frame, source.beside()));
+                let frame = frame.map(|frame| {
+                    let made = make(&frame);
+                    (frame, source.beside(), made)
+                });
                 if sender.send(frame).is_err() || failed {
                     break;
                 }
@@ -59,6 +73,18 @@ impl Prefetch {
         })
     }
 
+    /// The next frame and what was made of it; `None` after the last one.
+    pub fn next_made(&mut self) -> Result<Option<(RgbdFrame, T)>, SourceError> {
+        let next = self.frames.as_ref().and_then(|frames| frames.recv().ok());
+        let Some((frame, beside, made)) = next.transpose()? else {
+            return Ok(None);
+        };
+        self.beside = beside;
+        Ok(Some((frame, made)))
+    }
+}
+
+impl<T> Prefetch<T> {
     /// Ends the source, if it has not ended, and takes over what it has learnt of the truth while it was live.
     pub fn finish(&mut self) {
         // Without a receiver the thread's next `send` fails and it ends.
@@ -73,7 +99,7 @@ impl Prefetch {
     }
 }
 
-impl RgbdSource for Prefetch {
+impl<T: Send + 'static> RgbdSource for Prefetch<T> {
     fn name(&self) -> &str {
         &self.name
     }
@@ -91,12 +117,7 @@ impl RgbdSource for Prefetch {
     }
 
     fn next_frame(&mut self) -> Result<Option<RgbdFrame>, SourceError> {
-        let next = self.frames.as_ref().and_then(|frames| frames.recv().ok());
-        let Some((frame, beside)) = next.transpose()? else {
-            return Ok(None);
-        };
-        self.beside = beside;
-        Ok(Some(frame))
+        Ok(self.next_made()?.map(|(frame, _made)| frame))
     }
 
     fn beside(&self) -> Beside {
@@ -108,7 +129,7 @@ impl RgbdSource for Prefetch {
     }
 }
 
-impl Drop for Prefetch {
+impl<T> Drop for Prefetch<T> {
     fn drop(&mut self) {
         self.finish();
     }

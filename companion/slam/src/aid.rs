@@ -1,6 +1,7 @@
 //! What may be known of a frame beside its images: by a gyroscope, a detector, a satellite receiver. Nothing of it is
 //! needed; what is there helps.
 
+use maps::time::Stamp;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 /// What else is known of a frame.
@@ -40,6 +41,8 @@ pub struct Object {
 /// A position by a satellite receiver.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Fix {
+    /// The moment that it is of; it may come later.
+    pub at: Stamp,
     /// Of the camera: east, north, up of the mission's origin in metres.
     pub position: Vector3<f64>,
     /// Of its error, m².

@@ -47,6 +47,7 @@ mod dynamics;
 mod fast;
 mod features;
 mod front_end;
+mod georeference;
 mod level;
 mod map;
 mod mapping;

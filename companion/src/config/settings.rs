@@ -69,6 +69,8 @@ pub enum SourcePlace {
 /// Localisation and mapping.
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct MappingSettings {
+    /// Where the camera is on the vehicle, in whose axes its gyroscope measures.
+    pub body_from_camera: Isometry<Body, Camera>,
     /// Where the camera looks at the start: counter-clockwise from east.
     pub initial_heading_rad: f64,
     /// How high it is above the floor where no floor is in view at the start.
@@ -120,14 +122,15 @@ impl Config {
             &links.ground_bytes_per_s,
             "at least 1000 bytes/s",
         );
+        let body_from_camera = self.mount.check(faults);
         Settings {
             address: Address {
                 system: SystemId(vehicle.system_id),
                 component: ComponentId(vehicle.component_id),
             },
             source: source.check(&self.camera, faults),
-            body_from_camera: self.mount.check(faults),
-            mapping: slam.check(map, faults),
+            body_from_camera,
+            mapping: slam.check(map, body_from_camera, faults),
             autopilot: faults.link("links.autopilot", &links.autopilot),
             ground: faults.link("links.ground", &links.ground),
             ground_bytes_per_s: links.ground_bytes_per_s,
@@ -138,8 +141,14 @@ impl Config {
 }
 
 impl SlamTable {
-    fn check(&self, map: &MapTable, faults: &mut Faults) -> MappingSettings {
+    fn check(
+        &self,
+        map: &MapTable,
+        body_from_camera: Isometry<Body, Camera>,
+        faults: &mut Faults,
+    ) -> MappingSettings {
         MappingSettings {
+            body_from_camera,
             initial_heading_rad: (90.0
                 - faults.within(
                     "slam.initial_heading_deg",

@@ -6,13 +6,16 @@
 
 use std::time::Duration;
 
+use geodesy::{Geodetic, Origin};
 use maps::camera::{Pinhole, RgbdFrame};
 use maps::frame::{Camera, Isometry, World};
 use maps::scan::Scan;
 use maps::tile::Tile;
 use maps::time::Stamp;
 use maps::voxel::{MapDigest, Rgb, Sources, VoxelMap};
-use slam::{DenseKeyframe, Floor, FrameError, Slam, Tracked};
+use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+use sensors::beside::{Beside, SatelliteFix};
+use slam::{Aid, DenseKeyframe, Fix, Floor, FrameError, FrontEnd, Look, Slam, Tracked};
 
 use crate::config::MappingSettings;
 
@@ -55,9 +58,23 @@ const SUSPICIOUS_SHARE: f64 = 0.05;
 /// Fewer points say nothing.
 const ENOUGH_POINTS: u64 = 20_000;
 
+fn slam_settings(settings: &MappingSettings) -> slam::Settings {
+    let [lowest, highest] = settings.floor_below_m;
+    slam::Settings {
+        initial_heading_rad: settings.initial_heading_rad,
+        initial_height_m: settings.initial_height_m,
+        floor_below_m: lowest..=highest,
+        max_depth_m: settings.max_depth_m,
+        ..slam::Settings::default()
+    }
+}
+
 /// SLAM and the map it fills.
 pub struct Mapper {
     slam: Slam,
+    camera_from_body: UnitQuaternion<f64>,
+    /// From where positions by satellites count: the first of them.
+    first_fix: Option<Origin>,
     map: VoxelMap,
     points: u64,
     points_beneath: u64,
@@ -71,16 +88,10 @@ pub struct Mapper {
 impl Mapper {
     /// Starts with an empty map.
     pub fn new(camera: Pinhole, settings: &MappingSettings) -> Self {
-        let [lowest, highest] = settings.floor_below_m;
-        let slam = slam::Settings {
-            initial_heading_rad: settings.initial_heading_rad,
-            initial_height_m: settings.initial_height_m,
-            floor_below_m: lowest..=highest,
-            max_depth_m: settings.max_depth_m,
-            ..slam::Settings::default()
-        };
         Self {
-            slam: Slam::new(camera, slam),
+            slam: Slam::new(camera, slam_settings(settings)),
+            camera_from_body: settings.body_from_camera.rotation().inverse(),
+            first_fix: None,
             map: VoxelMap::new(settings.resolution_m),
             points: 0,
             points_beneath: 0,
@@ -92,14 +103,56 @@ impl Mapper {
         }
     }
 
+    /// Finds features in frames, in another thread, for [`Mapper::track_seen`].
+    pub fn front_end(camera: Pinhole, settings: &MappingSettings) -> FrontEnd {
+        FrontEnd::new(camera, &slam_settings(settings))
+    }
+
     /// Where the camera was when it took the frame.
     pub fn track(&mut self, frame: &RgbdFrame) -> Result<Tracked, FrameError> {
+        let look = self.slam.front_end().look(frame)?;
+        self.track_seen(frame, look, &Beside::default())
+    }
+
+    /// The same for a frame in which features were sought before, with what other sensors say.
+    pub fn track_seen(
+        &mut self,
+        frame: &RgbdFrame,
+        look: Look,
+        beside: &Beside,
+    ) -> Result<Tracked, FrameError> {
         let had_floor = self.slam.floor().is_some();
-        let tracked = self.slam.track(frame)?;
+        let in_camera = |turn: UnitQuaternion<f64>| {
+            self.camera_from_body * turn * self.camera_from_body.inverse()
+        };
+        let aid = Aid {
+            turned: beside.turned.map(in_camera),
+            position: beside.fix.and_then(|fix| self.locate(&fix)),
+            objects: None,
+        };
+        let tracked = self.slam.track_look(frame, look, &aid)?;
         if let (false, Some(floor)) = (had_floor, self.slam.floor()) {
             tracing::info!("floor {floor}");
         }
         Ok(tracked)
+    }
+
+    /// A position east, north and up of the first one.
+    fn locate(&mut self, fix: &SatelliteFix) -> Option<Fix> {
+        let place = Geodetic {
+            lat_deg: fix.latitude_deg,
+            lon_deg: fix.longitude_deg,
+            alt_m: fix.altitude_m,
+        };
+        if self.first_fix.is_none() {
+            self.first_fix = Origin::new(place.lat_deg, place.lon_deg, place.alt_m).ok();
+        }
+        let position = self.first_fix?.to_world(place).raw.coords;
+        Some(Fix {
+            at: fix.at,
+            position,
+            covariance: Matrix3::from_diagonal(&Vector3::from(fix.variances_m2)),
+        })
     }
 
     /// The floor on which the map stands; none before the first frame that could be used.
