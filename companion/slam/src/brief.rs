@@ -26,6 +26,16 @@ impl Descriptor {
         let pairs = self.0.iter().zip(&other.0);
         pairs.map(|(a, b)| (a ^ b).count_ones()).sum()
     }
+
+    /// One of the bits.
+    pub(crate) fn bit(&self, index: u8) -> bool {
+        self.0[usize::from(index / 64)] >> (index % 64) & 1 == 1
+    }
+
+    #[cfg(test)]
+    pub(crate) fn from_words(words: [u64; 4]) -> Self {
+        Self(words)
+    }
 }
 
 /// Pixels around a corner that its description looks at.
