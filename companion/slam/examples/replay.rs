@@ -18,7 +18,7 @@ use std::time::{Duration, Instant};
 use maps::camera::{Pinhole, RgbdFrame};
 use maps::time::Stamp;
 use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
-use slam::{DenseKeyframe, Moving, Settings, Slam, Stage, State, Tracked};
+use slam::{DenseKeyframe, DenseUpdate, Moving, Settings, Slam, Stage, State, Tracked};
 
 type Result<T> = std::result::Result<T, Box<dyn Error>>;
 
@@ -118,7 +118,7 @@ fn main() -> Result<()> {
         let frame = read_frame(&arguments.folder, line)?;
         stages.start();
         let tracked = timed(&mut times, || slam.track(&frame))?;
-        dense.extend(slam.take_keyframes());
+        take(&mut dense, slam.take_keyframes());
         if let Some(folder) = &arguments.pictures
             && i % 10 == 0
         {
@@ -143,7 +143,7 @@ fn main() -> Result<()> {
         times.last_mut().ok_or("no time")?.1 = tracked.keyframe;
         outcomes.push(tracked);
     }
-    dense.extend(slam.finish());
+    take(&mut dense, slam.finish());
     report(&outcomes, &times, &dense);
     stages.report();
     accuracy(&arguments.folder, &slam, &outcomes)?;
@@ -151,6 +151,17 @@ fn main() -> Result<()> {
         map_picture(&folder.join("map.png"), &dense)?;
     }
     Ok(())
+}
+
+fn take(dense: &mut Vec<DenseKeyframe>, update: DenseUpdate) {
+    if update.anew {
+        println!(
+            "poses were corrected, {} keyframes anew",
+            update.keyframes.len()
+        );
+        dense.clear();
+    }
+    dense.extend(update.keyframes);
 }
 
 /// Milliseconds spent in each stage.
@@ -255,7 +266,7 @@ fn report(outcomes: &[Tracked], times: &[(Duration, bool)], dense: &[DenseKeyfra
     stage("all frames", None);
     stage("tracking only", Some(false));
     stage("with keyframe", Some(true));
-    let points: usize = dense.iter().map(|d| d.points.len()).sum();
+    let points: usize = dense.iter().map(|d| d.points().count()).sum();
     println!("dense keyframes {} points {points}", dense.len());
 }
 
@@ -396,15 +407,15 @@ fn map_picture(path: &Path, dense: &[DenseKeyframe]) -> Result<()> {
     let mut rgb = vec![[20; 3]; side * side];
     let mut top = vec![f64::NEG_INFINITY; side * side];
     for keyframe in dense {
-        for (p, color) in &keyframe.points {
-            let p = (keyframe.world_from_camera * *p).raw;
+        for (p, color) in keyframe.points() {
+            let p = (keyframe.world_from_camera * p).raw;
             let (x, y) = (100.0 + 50.0 * p.x, 300.0 - 50.0 * p.y);
             if x < 0.0 || y < 0.0 || x >= side as f64 || y >= side as f64 || p.z > 2.0 {
                 continue;
             }
             let at = y as usize * side + x as usize;
             if p.z > top[at] {
-                (top[at], rgb[at]) = (p.z, *color);
+                (top[at], rgb[at]) = (p.z, color);
             }
         }
     }

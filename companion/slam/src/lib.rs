@@ -5,11 +5,17 @@
 //! ```text
 //! frame ─ features ─ find the map's points ─ fit the pose ─ reject what moves ─ fit again ─┬─ Tracked
 //!         (fast, brief)    (matching)         (solver)       (dynamics)                    └─ keyframe? ─ new points,
-//!                               └ none found: relocalise                                      local bundle adjustment
+//!                               └ none found: relocalise                                      local bundle adjustment,
+//!                                 (places), or a new map                                      known place? close the loop
+//!                                                                                             (places, loops, pose_graph)
 //! ```
 //!
-//! The map is a set of keyframes and the points they see. Keyframes leave a sliding window of bundle adjustment; from
-//! then on their pose is final, and they come out as [`DenseKeyframe`]s for the voxel map, without what moved.
+//! The map is a set of keyframes and the points they see. Keyframes leave a sliding window of bundle adjustment and come
+//! out as [`DenseKeyframe`]s for the voxel map, without what moved. Later their poses change only where a loop is closed;
+//! [`DenseUpdate::anew`] then says that the voxel map must be made anew.
+//!
+//! Where the place is lost for longer than [`Settings::sought_for`], a new map begins. Until a known place joins it to the
+//! old one, the covariance of its poses says that they are a guess, and its keyframes and path are held back.
 //!
 //! The world has z up and the floor at z = 0, fitted in the frame that starts the map, the first with enough features
 //! that have depth; its origin is below the camera of that frame.
@@ -38,6 +44,7 @@
 
 mod ahead;
 mod aid;
+mod blocks;
 mod brief;
 mod bundle;
 mod coarse;
@@ -49,11 +56,14 @@ mod features;
 mod front_end;
 mod georeference;
 mod level;
+mod loops;
 mod map;
 mod mapping;
 mod matching;
 mod motion;
 mod optics;
+mod places;
+mod pose_graph;
 mod pyramid;
 mod relocalise;
 mod revisit;
@@ -69,7 +79,7 @@ mod worker;
 
 pub use ahead::{Ahead, Looked};
 pub use aid::{Aid, Fix, Mobility, Object};
-pub use dense::DenseKeyframe;
+pub use dense::{DenseKeyframe, DenseUpdate};
 pub use front_end::{FrontEnd, Look};
 pub use level::Floor;
 pub use settings::{Moving, Settings};

@@ -1,21 +1,29 @@
 //! The sparse map: keyframes and the points they see.
 //!
-//! Invariant: `point.views` holds `(k, f)` exactly where `keyframe k` holds the point at its feature `f`.
+//! Invariants: `point.views` holds `(k, f)` exactly where `keyframe k` holds the point at its feature `f`; the index of
+//! places holds exactly the keyframes.
+
+mod correct;
+mod merge;
 
 use std::collections::BTreeMap;
+use std::sync::Arc;
 
 use maps::time::Stamp;
 use nalgebra::{Isometry3, Vector3};
 
 use crate::brief::Descriptor;
 use crate::coarse::Coarse;
-use crate::dense::Pending;
+use crate::dense::{Pending, Surface};
 use crate::drift::Drift;
 use crate::features::{Feature, LEVELS, scale_of};
+use crate::places::Places;
 use crate::pyramid::SCALE;
 
+pub(crate) use merge::{Excerpt, Renaming};
+
 /// Names a keyframe for ever; later ones are larger.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord)]
 pub(crate) struct KeyframeId(pub(crate) u32);
 
 /// Names a map point for ever: a slot, and how often it was used before.
@@ -62,8 +70,10 @@ pub(crate) struct Keyframe {
     pub(crate) features: Vec<Feature>,
     pub(crate) points: Vec<Option<PointId>>,
     pub(crate) coarse: Coarse,
-    /// What dense mapping will need of it, until it is handed out.
+    /// What dense mapping will need of it, until its mask is final.
     pub(crate) pending: Option<Pending>,
+    /// The static surface it saw, from then on.
+    pub(crate) surface: Option<Arc<Surface>>,
     /// Map points tracked when it was made: what later frames are compared with.
     pub(crate) tracked: usize,
     /// How far its pose may be off.
@@ -76,12 +86,41 @@ struct Slot {
     point: Option<MapPoint>,
 }
 
+/// Whether a map's place in the world is known.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub(crate) enum Standing {
+    /// It holds the first keyframe of all, whose pose is the world's.
+    #[default]
+    Joined,
+    /// It was begun after the place was lost and has not been joined since: where it is, is a guess.
+    Adrift,
+}
+
+/// Two keyframes that were recognised to show the same place.
+#[derive(Clone, Debug)]
+pub(crate) struct Link {
+    pub(crate) from: KeyframeId,
+    pub(crate) to: KeyframeId,
+    /// The pose of `to` in the frame of `from`, as measured then.
+    pub(crate) from_from_to: Isometry3<f64>,
+}
+
 /// Keyframes and points, each found by its id.
 #[derive(Default)]
 pub(crate) struct Map {
+    /// Tells maps apart.
+    pub(crate) number: u32,
+    pub(crate) standing: Standing,
     pub(crate) keyframes: BTreeMap<KeyframeId, Keyframe>,
     /// Of every keyframe there ever was.
     pub(crate) poses: Vec<Isometry3<f64>>,
+    /// Keyframes that were not tracked from the one before.
+    pub(crate) starts: Vec<KeyframeId>,
+    /// The keyframe whose pose stays when others are corrected; the first one that is left if it is gone.
+    pub(crate) fixed: KeyframeId,
+    /// Loops that were closed, oldest first.
+    pub(crate) links: Vec<Link>,
+    pub(crate) places: Places,
     slots: Vec<Slot>,
     free: Vec<u32>,
 }
@@ -126,6 +165,7 @@ impl Map {
             .enumerate()
             .filter_map(|(feature, point)| point.map(|p| (feature, p)))
             .collect();
+        self.places.insert(id, &keyframe.features);
         self.keyframes.insert(id, keyframe);
         for (feature, point) in seen {
             match self.point_mut(point) {
@@ -240,7 +280,7 @@ impl Map {
         }
     }
 
-    /// Removes a keyframe; its last pose stays in `poses`.
+    /// Removes a keyframe; its last pose stays in `poses`, and its links go.
     pub(crate) fn remove_keyframe(&mut self, id: KeyframeId) {
         let Some(k) = self.keyframes.get(&id) else {
             return;
@@ -249,6 +289,8 @@ impl Map {
             self.remove_view(point, id);
         }
         self.keyframes.remove(&id);
+        self.places.remove(id);
+        self.links.retain(|link| link.from != id && link.to != id);
     }
 
     pub(crate) fn set_pose(&mut self, id: KeyframeId, pose: Isometry3<f64>) {
@@ -259,6 +301,43 @@ impl Map {
             k.world_from_camera = pose;
             *kept = pose;
         }
+    }
+
+    /// How many points each other keyframe shares with these.
+    pub(crate) fn shared(&self, ids: &[KeyframeId]) -> BTreeMap<KeyframeId, usize> {
+        let mut points: Vec<PointId> = ids
+            .iter()
+            .filter_map(|id| self.keyframes.get(id))
+            .flat_map(|k| k.points.iter().flatten().copied())
+            .collect();
+        points.sort_unstable();
+        points.dedup();
+        let mut shared = BTreeMap::new();
+        for (view, _) in points
+            .iter()
+            .filter_map(|id| self.point(*id))
+            .flat_map(|p| &p.views)
+        {
+            if !ids.contains(view) {
+                *shared.entry(*view).or_default() += 1;
+            }
+        }
+        shared
+    }
+
+    /// A keyframe and those, at most `most`, that share most points with it: what is around there.
+    pub(crate) fn around(&self, id: KeyframeId, most: usize) -> Vec<KeyframeId> {
+        const FEWEST_SHARED: usize = 15;
+        let mut others: Vec<(usize, KeyframeId)> = self
+            .shared(&[id])
+            .into_iter()
+            .filter(|&(_, shared)| shared >= FEWEST_SHARED)
+            .map(|(other, shared)| (shared, other))
+            .collect();
+        others.sort_unstable_by(|a, b| b.cmp(a));
+        std::iter::once(id)
+            .chain(others.into_iter().take(most).map(|(_, other)| other))
+            .collect()
     }
 
     /// Gives the point the view's description nearest to all others, and its mean direction.
@@ -288,10 +367,10 @@ impl Map {
 }
 
 #[cfg(test)]
-mod tests {
+pub(crate) mod tests {
     use super::*;
 
-    fn keyframe(points: Vec<Option<PointId>>) -> Keyframe {
+    pub(crate) fn keyframe(points: Vec<Option<PointId>>) -> Keyframe {
         let feature = Feature {
             raw: [1.0, 1.0],
             ideal: [1.0, 1.0],
@@ -307,6 +386,7 @@ mod tests {
             points,
             coarse: Coarse::default(),
             pending: None,
+            surface: None,
             tracked: 0,
             drift: Drift::default(),
         }

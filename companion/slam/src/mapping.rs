@@ -124,7 +124,11 @@ pub(crate) fn forget_masked(optics: &Optics, map: &mut Map, id: KeyframeId) {
 }
 
 /// Forgets points that are hardly ever found again, and what is over the limits.
-pub(crate) fn cull(map: &mut Map, window: &[KeyframeId], settings: &Settings) {
+pub(crate) fn cull(
+    map: &mut Map,
+    window: &[KeyframeId],
+    (settings, most_keyframes): (&Settings, usize),
+) {
     const TRIALS: u32 = 6;
     const LEAST_SHARE: f64 = 0.25;
     let lost: Vec<PointId> = map
@@ -137,22 +141,22 @@ pub(crate) fn cull(map: &mut Map, window: &[KeyframeId], settings: &Settings) {
     for id in lost {
         map.remove_point(id);
     }
-    cull_keyframes(map, window, settings.max_keyframes.max(2 * settings.window));
+    cull_keyframes(map, window, most_keyframes.max(2 * settings.window));
     let surplus = map.point_count().saturating_sub(settings.max_points);
     if surplus > 0 {
         let mut ranked: Vec<_> = map
             .points()
             .map(|(id, p)| (p.views.len(), p.found, p.born, id))
             .collect();
-        ranked.sort_unstable();
-        for &(.., id) in ranked.iter().take(surplus) {
+        ranked.select_nth_unstable(surplus - 1);
+        for &(.., id) in &ranked[..surplus] {
             map.remove_point(id);
         }
     }
 }
 
 /// Over the limit, the later one of the two most similar views is forgotten, unless it is still in the window.
-fn cull_keyframes(map: &mut Map, window: &[KeyframeId], most: usize) {
+pub(crate) fn cull_keyframes(map: &mut Map, window: &[KeyframeId], most: usize) {
     while map.keyframes.len() > most {
         let settled: Vec<(KeyframeId, Isometry3<f64>)> = map
             .keyframes
@@ -163,10 +167,10 @@ fn cull_keyframes(map: &mut Map, window: &[KeyframeId], most: usize) {
         let mut closest: Option<(f64, KeyframeId)> = None;
         for (i, (_, a)) in settled.iter().enumerate() {
             for (id, b) in &settled[i + 1..] {
-                let step = a.inverse() * b;
-                let apart = step.translation.vector.norm() + step.rotation.angle();
-                if closest.is_none_or(|(least, _)| apart < least) {
-                    closest = Some((apart, *id));
+                let away = (a.translation.vector - b.translation.vector).norm();
+                let least = closest.map_or(f64::INFINITY, |(least, _)| least);
+                if away < least && away + a.rotation.angle_to(&b.rotation) < least {
+                    closest = Some((away + a.rotation.angle_to(&b.rotation), *id));
                 }
             }
         }

@@ -4,7 +4,7 @@
 //! of the place. So where many old points should be in view and few are found, the keyframe is matched with the old one
 //! that saw most of them by description alone; if a rigid motion explains enough pairs, the correction is spread
 //! evenly over the window, the copies are merged, and bundle adjustment does the rest. Poses older than the window stay
-//! as they are: they are final. A wrong correction costs more than a missed one, so the tests are strict.
+//! as they are: larger drift is for [`crate::loops`]. A wrong correction costs more than a missed one, so the tests are strict.
 
 use std::collections::BTreeMap;
 

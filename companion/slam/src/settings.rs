@@ -1,6 +1,7 @@
 //! What can be chosen about the SLAM.
 
 use std::ops::RangeInclusive;
+use std::time::Duration;
 
 /// What is done about people and vehicles in view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -28,12 +29,14 @@ pub struct Settings {
     pub max_depth_m: f64,
     /// Every how many pixels, along and across, a dense point is taken.
     pub dense_stride: usize,
-    /// Keyframes that are adjusted together; older ones are final.
+    /// Keyframes that are adjusted together; older ones move only when a loop is closed.
     pub window: usize,
-    /// Keyframes kept; beyond, the most redundant ones are forgotten.
+    /// Keyframes kept, in all maps; beyond, the most redundant ones are forgotten. One takes up to 0.6 MB.
     pub max_keyframes: usize,
     /// Map points kept; beyond, the least seen ones are forgotten.
     pub max_points: usize,
+    /// For how long a lost place is sought before a new map is begun.
+    pub sought_for: Duration,
     /// What is done about people and vehicles in view.
     pub moving: Moving,
     /// Whether the map is adjusted in a thread of its own. The result is the same, bit for bit.
@@ -53,8 +56,9 @@ impl Default for Settings {
             max_depth_m: 6.0,
             dense_stride: 3,
             window: 12,
-            max_keyframes: 150,
-            max_points: 30_000,
+            max_keyframes: 500,
+            max_points: 60_000,
+            sought_for: Duration::from_secs(4),
             moving: Moving::Reject,
             threaded: true,
             seed: 1,

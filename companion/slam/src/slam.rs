@@ -1,5 +1,9 @@
 //! The state machine: a map is started, followed, lost and found again.
 
+mod atlas;
+mod closing;
+mod handing_out;
+
 use std::collections::VecDeque;
 use std::sync::Arc;
 
@@ -17,7 +21,7 @@ use crate::drift::{self, Drift};
 use crate::dynamics::{self, Mask};
 use crate::front_end::{FrontEnd, Look};
 use crate::level::{self, Floor, Plane};
-use crate::map::{Keyframe, KeyframeId, Map};
+use crate::map::{Keyframe, KeyframeId, Map, Standing};
 use crate::mapping;
 use crate::matching::Sighting;
 use crate::motion::Motion;
@@ -30,6 +34,7 @@ use crate::tracked::{FrameError, Overlay, State, Tracked};
 use crate::tracking::{self, Located};
 use crate::triangulate;
 use crate::worker::Worker;
+use closing::BackEnd;
 
 /// The least number of features with depth that starts a map.
 const FEWEST_TO_START: usize = 80;
@@ -59,6 +64,7 @@ pub struct Slam {
     reset_counter: u32,
     /// Which keyframe a lost camera is compared with next.
     next_try: usize,
+    back: BackEnd,
 }
 
 /// The last frame that was looked at; the motion and covariance are of the last one whose pose was found.
@@ -74,6 +80,7 @@ struct Last {
 /// A tracked frame, tied to the keyframe it was tracked against: it moves with it in bundle adjustment.
 struct Logged {
     at: Stamp,
+    map: u32,
     reference: KeyframeId,
     reference_from_camera: Isometry3<f64>,
 }
@@ -111,6 +118,7 @@ impl Slam {
             settled: Vec::new(),
             reset_counter: 0,
             next_try: 0,
+            back: BackEnd::default(),
             settings,
         }
     }
@@ -155,36 +163,27 @@ impl Slam {
             State::Searching => self.start(frame, now),
             State::Tracking | State::Lost { .. } => match self.locate(frame.at, &mut now, aid) {
                 Some(fit) => self.follow(frame, now, &fit),
-                None => self.lose(frame.at, now),
+                None => self.lose(frame, now),
             },
         };
         Ok(self.outcome(frame.at, keyframe))
     }
 
-    /// Takes the keyframes whose pose has become final since the last call, oldest first.
-    pub fn take_keyframes(&mut self) -> Vec<DenseKeyframe> {
-        std::mem::take(&mut self.settled)
-    }
-
-    /// Ends the recording: all keyframes that were not yet taken.
-    pub fn finish(&mut self) -> Vec<DenseKeyframe> {
-        self.take_adjustment();
-        while let Some(id) = self.window.pop_front() {
-            self.settle(id);
-        }
-        self.take_keyframes()
-    }
-
-    /// Every tracked frame, as known now: frames move with the keyframes they were tracked against.
+    /// Every tracked frame whose place in the world is known, as known now: frames move with the keyframes they were
+    /// tracked against. Those of a map begun after the place was lost come in once it is joined to the others.
     pub fn trajectory(&self) -> Vec<(Stamp, Isometry<World, Camera>)> {
         let pose = |logged: &Logged| {
-            let reference = self.map.poses[logged.reference.0 as usize];
-            (
-                logged.at,
-                Isometry::claim(reference * logged.reference_from_camera),
-            )
+            let map = self.map_of(logged.map)?;
+            let reference = map.poses.get(logged.reference.0 as usize)?;
+            let joined = map.standing == Standing::Joined;
+            joined.then(|| {
+                (
+                    logged.at,
+                    Isometry::claim(reference * logged.reference_from_camera),
+                )
+            })
         };
-        self.log.iter().map(pose).collect()
+        self.log.iter().filter_map(pose).collect()
     }
 
     /// What was made of the last frame, for pictures.
@@ -214,9 +213,13 @@ impl Slam {
         self.floor
     }
 
-    /// Map points and keyframes held now.
+    /// Map points and keyframes held now, in all maps.
     pub fn map_size(&self) -> (usize, usize) {
-        (self.map.point_count(), self.map.keyframes.len())
+        let all = || std::iter::once(&self.map).chain(&self.back.stored);
+        (
+            all().map(Map::point_count).sum(),
+            all().map(|map| map.keyframes.len()).sum(),
+        )
     }
 
     fn check(&self, frame: &RgbdFrame, look: &Look) -> Result<(), FrameError> {
@@ -272,7 +275,7 @@ impl Slam {
             State::Searching | State::Lost { .. } => None,
         };
         let fit = fit.or_else(|| {
-            let candidates = tracking::candidates(&self.map, self.next_try);
+            let candidates = tracking::candidates(&self.map, now, self.next_try);
             self.next_try += 1;
             known.find_again(&candidates, now, &mut self.rng)
         })?;
@@ -344,16 +347,6 @@ impl Slam {
         Drift::of(&self.map, &now.points).widen(&(fit.covariance + shared))
     }
 
-    fn lose(&mut self, at: Stamp, now: Sighting) -> bool {
-        if self.state == State::Tracking {
-            self.state = State::Lost { since: at };
-        }
-        self.last.sighting = now;
-        self.last.sighting.forget_matches();
-        self.last.rejected = 0;
-        false
-    }
-
     fn needs_keyframe(&self, agreeing: usize) -> bool {
         let Some(reference) = self.window.back().and_then(|id| self.map.keyframes.get(id)) else {
             return true;
@@ -380,17 +373,23 @@ impl Slam {
                 self.front_end.depths,
                 self.settings.dense_stride,
             )),
+            surface: None,
             tracked: now.matched(),
             drift: Drift::from_covariance(&self.last.covariance),
         };
         let id = self.map.add_keyframe(keyframe);
+        if self.window.is_empty() {
+            self.map.starts.push(id);
+        }
         mapping::forget_seen_through(&self.optics, &mut self.map, id);
         self.window.push_back(id);
         let window = self.window.make_contiguous();
         revisit::correct_drift(&self.optics, &mut self.map, window, &mut self.rng);
         mapping::add_points(&self.optics, &mut self.map, id);
         triangulate::add_far_points(&self.optics, &mut self.map, self.window.make_contiguous());
-        mapping::cull(&mut self.map, self.window.make_contiguous(), &self.settings);
+        let limits = (&self.settings, self.most_keyframes());
+        mapping::cull(&mut self.map, self.window.make_contiguous(), limits);
+        let id = self.close_loop(id);
         if let Some(k) = self.map.keyframes.get_mut(&id) {
             k.tracked = k.points.iter().flatten().count();
         }
@@ -440,23 +439,6 @@ impl Slam {
         self.last.motion.correct(pose);
     }
 
-    /// A keyframe's pose is final: its mask is judged once more by all that was seen since, and it is handed out.
-    fn settle(&mut self, id: KeyframeId) {
-        if self.settings.moving == Moving::Reject {
-            dynamics::reconsider(&self.optics, &mut self.map, id);
-            mapping::forget_masked(&self.optics, &mut self.map, id);
-        }
-        if let Some(k) = self.map.keyframes.get_mut(&id)
-            && let Some(pending) = k.pending.take()
-        {
-            self.settled.push(DenseKeyframe {
-                at: k.at,
-                world_from_camera: Isometry::claim(k.world_from_camera),
-                points: pending.points(&self.optics, &k.coarse),
-            });
-        }
-    }
-
     fn lap(&mut self, stage: Stage) {
         if let Some(watch) = &mut self.watch {
             watch(stage);
@@ -468,6 +450,7 @@ impl Slam {
             let pose = self.map.poses[reference.0 as usize];
             self.log.push(Logged {
                 at,
+                map: self.map.number,
                 reference,
                 reference_from_camera: pose.inverse() * self.last.motion.pose,
             });
@@ -477,6 +460,7 @@ impl Slam {
     fn outcome(&self, at: Stamp, keyframe: bool) -> Tracked {
         let now = &self.last.sighting;
         let tracking = self.state == State::Tracking;
+        let known = tracking && self.map.standing == Standing::Joined;
         let measured = now.coarse.depth_m.iter().filter(|&&d| d > 0.0).count();
         let moves = now.coarse.moving.iter().zip(&now.coarse.depth_m);
         let moving = moves.filter(|&(&m, &d)| m && d > 0.0).count();
@@ -484,7 +468,7 @@ impl Slam {
             at,
             state: self.state,
             world_from_camera: Isometry::claim(self.last.motion.pose),
-            covariance: if tracking {
+            covariance: if known {
                 self.last.covariance
             } else {
                 Matrix6::identity() * UNKNOWN

@@ -11,7 +11,7 @@ pub enum State {
     Searching,
     /// The pose is known.
     Tracking,
-    /// The place was lost; it is sought among the keyframes.
+    /// The place was lost; it is sought among the keyframes of all maps.
     Lost {
         /// The first frame without a pose.
         since: Stamp,
@@ -28,9 +28,11 @@ pub struct Tracked {
     /// The camera's pose; unless tracking, the last one known.
     pub world_from_camera: Isometry<World, Camera>,
     /// Covariance of the pose's right perturbation, translation first (m², m·rad, rad²), relative to the first pose: of
-    /// the fit, and of the map it was fitted to. Unless tracking, 10⁶ on the diagonal: unknown.
+    /// the fit, and of the map it was fitted to. 10⁶ on the diagonal: unknown, because the place is lost, or was and the map
+    /// begun since is not yet joined to the old one.
     pub covariance: Matrix6<f64>,
-    /// How often the pose has jumped so far: no motion happened between the poses before and after.
+    /// How often the pose has jumped so far, because it was found again, corrected, or a map begun or joined: no motion
+    /// happened between the poses before and after.
     pub reset_counter: u32,
     /// Map points that support the pose.
     pub points: usize,

@@ -94,12 +94,18 @@ impl Located<'_> {
     }
 }
 
-/// The keyframes to compare a lost frame with: the newest, and a few others in turn.
-pub(crate) fn candidates(map: &Map, turn: usize) -> Vec<KeyframeId> {
-    const IN_TURN: usize = 3;
+/// The keyframes to compare a lost frame with: the newest, those that look most alike, and another one in turn.
+pub(crate) fn candidates(map: &Map, now: &Sighting, turn: usize) -> Vec<KeyframeId> {
+    const ALIKE: usize = 2;
     let all: Vec<KeyframeId> = map.keyframes.keys().rev().copied().collect();
     let newest = all.first().copied();
-    let count = all.len();
-    let others = (0..IN_TURN.min(count)).map(|i| all[(turn * IN_TURN + i) % count]);
-    newest.into_iter().chain(others).collect()
+    let in_turn = turn.checked_rem(all.len()).map(|at| all[at]);
+    let others = |id: KeyframeId| Some(id) != newest && Some(id) != in_turn;
+    let alike = map.places.query(&now.features, ALIKE, others);
+    let alike = alike.into_iter().map(|c| c.keyframe);
+    newest
+        .into_iter()
+        .chain(alike)
+        .chain(in_turn.filter(|id| Some(*id) != newest))
+        .collect()
 }

@@ -1,23 +1,25 @@
 //! From camera frames to a map, without threads and clocks.
 //!
-//! Every frame is tracked. A keyframe goes into the map when its pose has settled, so that nothing has to be taken out
-//! again; changed tiles are handed out once in a period of the *recording's* time, all with one version. The same
-//! recording thus gives the same map and the same tiles, however fast it is played.
+//! Every frame is tracked. A keyframe goes into the map when its pose has settled; where a closed loop corrects the poses
+//! all the same, the map is made anew ([`remaking`]). Changed tiles are handed out once in a period of the *recording's*
+//! time, all with one version. The same recording thus gives the same map and the same tiles, however fast it is played.
+
+mod remaking;
 
 use std::time::Duration;
 
 use geodesy::{Geodetic, Origin};
 use maps::camera::{Pinhole, RgbdFrame};
 use maps::frame::{Camera, Isometry, World};
-use maps::scan::Scan;
 use maps::tile::Tile;
 use maps::time::Stamp;
-use maps::voxel::{MapDigest, Rgb, Sources, VoxelMap};
+use maps::voxel::{MapDigest, VoxelMap};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use sensors::beside::{Beside, SatelliteFix};
-use slam::{Aid, DenseKeyframe, Fix, Floor, FrameError, FrontEnd, Look, Slam, Tracked};
+use slam::{Aid, Fix, Floor, FrameError, FrontEnd, Look, Slam, Tracked};
 
 use crate::config::MappingSettings;
+use remaking::DenseMap;
 
 /// Tiles that have changed, and the map they are part of.
 #[derive(Clone, Debug)]
@@ -75,11 +77,8 @@ pub struct Mapper {
     camera_from_body: UnitQuaternion<f64>,
     /// From where positions by satellites count: the first of them.
     first_fix: Option<Origin>,
-    map: VoxelMap,
-    points: u64,
-    points_beneath: u64,
+    dense: DenseMap,
     warned: bool,
-    max_range_m: f64,
     tile_period: Duration,
     last_update: Option<Stamp>,
     version: u64,
@@ -92,11 +91,8 @@ impl Mapper {
             slam: Slam::new(camera, slam_settings(settings)),
             camera_from_body: settings.body_from_camera.rotation().inverse(),
             first_fix: None,
-            map: VoxelMap::new(settings.resolution_m),
-            points: 0,
-            points_beneath: 0,
+            dense: DenseMap::new(settings.resolution_m, settings.max_range_m),
             warned: false,
-            max_range_m: settings.max_range_m,
             tile_period: settings.tile_period,
             last_update: None,
             version: 0,
@@ -157,18 +153,20 @@ impl Mapper {
 
     /// The floor on which the map stands; none before the first frame that could be used.
     pub fn floor(&self) -> Option<FloorFigures> {
-        let beneath_share = self.points_beneath as f64 / self.points.max(1) as f64;
+        let points = self.dense.points();
+        let beneath_share = points.beneath as f64 / points.all.max(1) as f64;
         self.slam.floor().map(|floor| FloorFigures {
             floor,
             beneath_share,
         })
     }
 
-    /// Puts the keyframes that have settled into the map; how many there were.
+    /// Puts keyframes that have settled into the map; how many.
     pub fn insert_settled(&mut self) -> usize {
-        let keyframes = self.slam.take_keyframes();
-        self.insert(&keyframes);
-        keyframes.len()
+        self.dense.take(self.slam.take_keyframes());
+        let inserted = self.dense.insert_some();
+        self.doubt_floor();
+        inserted
     }
 
     /// The tiles that have changed since the last update, if a period of the recording has gone by.
@@ -183,48 +181,30 @@ impl Mapper {
 
     /// Ends the recording: the keyframes that had not settled go into the map, and the last tiles are handed out.
     pub fn finish(&mut self) -> Option<MapUpdate> {
-        let keyframes = self.slam.finish();
-        self.insert(&keyframes);
+        self.dense.take(self.slam.finish());
+        while self.dense.insert_some() > 0 {}
+        self.doubt_floor();
         self.changed()
     }
 
     /// The map so far.
     pub fn map(&self) -> &VoxelMap {
-        &self.map
+        self.dense.map()
     }
 
     /// How large the map is so far; takes time in proportion.
     pub fn figures(&self) -> MapFigures {
         MapFigures {
-            digest: self.map.digest(),
-            tiles: self.map.tile_ids().len(),
-            voxels_occupied: self.map.occupied_count(),
-            voxels_known: self.map.known_count(),
+            digest: self.map().digest(),
+            tiles: self.map().tile_ids().len(),
+            voxels_occupied: self.map().occupied_count(),
+            voxels_known: self.map().known_count(),
         }
     }
 
     /// Where the camera was in every tracked frame, by all that is known now.
     pub fn trajectory(&self) -> Vec<(Stamp, Isometry<World, Camera>)> {
         self.slam.trajectory()
-    }
-
-    fn insert(&mut self, keyframes: &[DenseKeyframe]) {
-        for keyframe in keyframes {
-            let place = |(p, _): &(_, _)| keyframe.world_from_camera * *p;
-            let hits: Vec<_> = keyframe.points.iter().map(place).collect();
-            let beneath = hits.iter().filter(|p| p.raw.z < -CLEARLY_BENEATH_M).count();
-            self.points += hits.len() as u64;
-            self.points_beneath += beneath as u64;
-            let colors: Vec<Rgb> = keyframe.points.iter().map(|&(_, c)| Rgb(c)).collect();
-            self.map.insert_scan(&Scan {
-                colors: &colors,
-                max_range_m: self.max_range_m,
-                at: keyframe.at,
-                source: Sources::UAV,
-                ..Scan::new(keyframe.world_from_camera.translation(), &hits)
-            });
-        }
-        self.doubt_floor();
     }
 
     /// Says once, in the log, that the floor is none.
@@ -236,7 +216,10 @@ impl Mapper {
         else {
             return;
         };
-        if !self.warned && self.points >= ENOUGH_POINTS && beneath_share > SUSPICIOUS_SHARE {
+        if !self.warned
+            && self.dense.points().all >= ENOUGH_POINTS
+            && beneath_share > SUSPICIOUS_SHARE
+        {
             self.warned = true;
             tracing::warn!(
                 "{:.0} % of what is seen lies beneath the floor ({floor}): perhaps that is a table; heights in the map \
@@ -247,18 +230,13 @@ impl Mapper {
     }
 
     fn changed(&mut self) -> Option<MapUpdate> {
-        let ids = self.map.take_changed_tiles();
-        if ids.is_empty() {
+        let tiles = self.dense.take_changed(self.version + 1);
+        if tiles.is_empty() {
             return None;
         }
         self.version += 1;
-        let versioned = |id| {
-            let mut tile = self.map.tile(id)?;
-            tile.version = self.version;
-            Some(tile)
-        };
         Some(MapUpdate {
-            tiles: ids.into_iter().filter_map(versioned).collect(),
+            tiles,
             map: self.figures(),
         })
     }

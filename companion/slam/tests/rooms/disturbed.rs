@@ -101,7 +101,7 @@ fn without_depth_the_known_points_still_carry_the_pose() {
 
 #[test]
 fn black_frames_are_lost_and_recovered_from() {
-    let outcomes = run(crate::black);
+    let outcomes = run(crate::lost::black);
     check_honest(&outcomes);
     check_recovered(&outcomes);
     assert!(matches!(outcomes[70].1.state, State::Lost { .. }));

@@ -28,6 +28,14 @@ impl Block {
     pub(crate) fn contains(&self, p: Point<World>, margin: f64) -> bool {
         (0..3).all(|i| p.raw[i] > self.min[i] - margin && p.raw[i] < self.max[i] + margin)
     }
+
+    /// From a point to the surface, from inside or outside.
+    fn distance(&self, p: Point<World>) -> f64 {
+        let over = |i: usize| (self.min[i] - p.raw[i]).max(p.raw[i] - self.max[i]);
+        let outside = (0..3).map(|i| over(i).max(0.0).powi(2)).sum::<f64>().sqrt();
+        let inside = (0..3).map(over).fold(f64::NEG_INFINITY, f64::max);
+        if inside < 0.0 { -inside } else { outside }
+    }
 }
 
 /// The pose of a camera at a place, looking `heading` radians counter-clockwise from east and `down` radians down.
@@ -43,11 +51,50 @@ pub(crate) fn looking(position: [f64; 3], heading: f64, down: f64) -> Isometry<W
     ))
 }
 
+/// A room and what stands in it.
+#[derive(Clone, Debug)]
+pub(crate) struct Scene {
+    pub(crate) room: Block,
+    pub(crate) blocks: Vec<Block>,
+    /// After so many metres to the east the pattern on all surfaces begins again.
+    pub(crate) period_m: f64,
+}
+
+impl Scene {
+    /// A room whose pattern never repeats.
+    pub(crate) fn new(room: Block, blocks: Vec<Block>) -> Self {
+        Self {
+            room,
+            blocks,
+            period_m: 1000.0,
+        }
+    }
+
+    /// Distance from a point to the nearest surface.
+    pub(crate) fn distance(&self, p: Point<World>) -> f64 {
+        let to = |block: &Block| block.distance(p);
+        self.blocks.iter().map(to).fold(to(&self.room), f64::min)
+    }
+}
+
 /// What the camera sees at frame `index` of 30 a second, in a room of 5 m by 5 m with `blocks`.
 pub(crate) fn render(
     index: u64,
     world_from_camera: Isometry<World, Camera>,
     blocks: &[Block],
+) -> RgbdFrame {
+    let room = Block {
+        min: [-1.0, -2.5, 0.0],
+        max: [4.0, 2.5, 2.6],
+    };
+    render_scene(index, world_from_camera, &Scene::new(room, blocks.to_vec()))
+}
+
+/// What the camera sees at frame `index` of 30 a second.
+pub(crate) fn render_scene(
+    index: u64,
+    world_from_camera: Isometry<World, Camera>,
+    scene: &Scene,
 ) -> RgbdFrame {
     let (width, height) = (CAMERA.width, CAMERA.height);
     let pose = world_from_camera.raw;
@@ -57,8 +104,9 @@ pub(crate) fn render(
         for x in 0..width {
             let ray = CAMERA.unproject([x as f64, y as f64], 1.0).raw.coords;
             let direction = pose.rotation * ray;
-            let (depth, surface) = nearest_surface(&pose, &direction, blocks);
-            let hit = pose.translation.vector + direction * depth;
+            let (depth, surface) = nearest_surface(&pose, &direction, scene);
+            let mut hit = pose.translation.vector + direction * depth;
+            hit.x = hit.x.rem_euclid(scene.period_m);
             rgb.push([texture(surface, &hit); 3]);
             depth_m.push(depth as f32);
         }
@@ -74,19 +122,11 @@ pub(crate) fn render(
 }
 
 /// Depth along the ray, and the number of the surface hit.
-fn nearest_surface(
-    pose: &Isometry3<f64>,
-    direction: &Vector3<f64>,
-    blocks: &[Block],
-) -> (f64, u64) {
-    let room = Block {
-        min: [-1.0, -2.5, 0.0],
-        max: [4.0, 2.5, 2.6],
-    };
+fn nearest_surface(pose: &Isometry3<f64>, direction: &Vector3<f64>, scene: &Scene) -> (f64, u64) {
     let eye = pose.translation.vector;
-    let (_, out, side) = crossing(&room, &eye, direction);
+    let (_, out, side) = crossing(&scene.room, &eye, direction);
     let mut best = (out, side);
-    for (number, block) in (1..).zip(blocks) {
+    for (number, block) in (1..).zip(&scene.blocks) {
         let (enter, leave, side) = crossing(block, &eye, direction);
         if enter > 0.0 && enter < leave && enter < best.0 {
             best = (enter, 10 * number + side);
