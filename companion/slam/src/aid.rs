@@ -43,8 +43,10 @@ pub struct Object {
 pub struct Fix {
     /// The moment that it is of; it may come later.
     pub at: Stamp,
-    /// Of the camera: east, north, up of the mission's origin in metres.
+    /// Of the antenna: east, north, up of any origin in metres, always the same one.
     pub position: Vector3<f64>,
     /// Of its error, m².
     pub covariance: Matrix3<f64>,
+    /// Where the antenna is, in the camera's axes, in metres.
+    pub antenna_in_camera: Vector3<f64>,
 }

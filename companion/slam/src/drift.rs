@@ -70,6 +70,11 @@ impl Drift {
         wide
     }
 
+    /// Standard deviations of a coordinate, in metres, and about an axis, in radians.
+    pub(crate) fn sigmas(&self) -> [f64; 2] {
+        [self.position_m2.sqrt(), self.attitude_rad2.sqrt()]
+    }
+
     /// Of a keyframe whose pose has this covariance.
     pub(crate) fn from_covariance(pose: &Matrix6<f64>) -> Self {
         Self {

@@ -11,7 +11,7 @@
 //!
 //! - B. K. P. Horn, *Closed-form solution of absolute orientation using unit quaternions*, JOSA A 1987; here with one axis.
 
-use nalgebra::{Isometry3, Matrix3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{Isometry3, Matrix3, Point3, Translation3, UnitQuaternion, Vector3};
 
 /// A place in the world of the SLAM, and what the receiver said of it.
 #[derive(Clone, Copy, Debug)]
@@ -23,13 +23,60 @@ pub(crate) struct Sighted {
     pub(crate) covariance: Matrix3<f64>,
 }
 
+/// A position that a wall has reflected is off by metres: it must not turn the whole map. Pairs of positions are asked which
+/// turn and shift most of the others agree with, before the least squares.
+///
+/// - M. A. Fischler, R. C. Bolles, *Random Sample Consensus*, CACM 1981; here over pairs in a fixed order.
+const PAIRS: usize = 60;
+/// Standard deviations, and metres of drift, within which a position agrees.
+const AGREEING: f64 = 5.0;
+const DRIFT_M: f64 = 1.0;
 /// Fewer positions say nothing.
 const FEWEST: usize = 8;
 /// The heading must be known to so much; standing still or flying straight up tells none.
 const HEADING_RAD: f64 = 0.1;
 
-/// `world_from_enu`; `None` where the positions do not tell the heading.
-pub(crate) fn align(sighted: &[Sighted]) -> Option<Isometry3<f64>> {
+/// `world_from_enu`, and which positions agree with it; `None` where they do not tell the heading.
+pub(crate) fn align(sighted: &[Sighted]) -> Option<(Isometry3<f64>, Vec<bool>)> {
+    let count = sighted.len();
+    let pairs = (0..PAIRS.min(count)).map(|k| {
+        (
+            k * count / PAIRS.min(count),
+            count / 3 + k % (count / 3).max(1),
+        )
+    });
+    let guesses = pairs.filter_map(|(i, k)| turn_by_two(&sighted[i], &sighted[(i + k) % count]));
+    let votes = guesses.map(|guess| agreeing(sighted, &guess));
+    let agrees = votes.max_by_key(|agrees| agrees.iter().filter(|&&a| a).count())?;
+    let chosen: Vec<Sighted> = sighted
+        .iter()
+        .zip(&agrees)
+        .filter_map(|(s, a)| a.then_some(*s))
+        .collect();
+    let aligned = least_squares(&chosen)?;
+    Some((aligned, agreeing(sighted, &aligned)))
+}
+
+fn agreeing(sighted: &[Sighted], world_from_enu: &Isometry3<f64>) -> Vec<bool> {
+    let agrees = |s: &Sighted| {
+        let off = (world_from_enu * Point3::from(s.in_enu)).coords - s.in_world;
+        let variance = s.covariance.trace() / 3.0 + DRIFT_M * DRIFT_M;
+        off.norm_squared() <= AGREEING * AGREEING * variance
+    };
+    sighted.iter().map(agrees).collect()
+}
+
+/// The turn and shift that bring two positions onto their places, as far as that goes.
+fn turn_by_two(a: &Sighted, b: &Sighted) -> Option<Isometry3<f64>> {
+    let (p, e) = ((b.in_world - a.in_world).xy(), (b.in_enu - a.in_enu).xy());
+    let turn = UnitQuaternion::from_axis_angle(&Vector3::z_axis(), e.perp(&p).atan2(e.dot(&p)));
+    let middle = (a.in_world + b.in_world) / 2.0;
+    let shift = middle - turn * ((a.in_enu + b.in_enu) / 2.0);
+    let is_sound = shift.iter().all(|c| c.is_finite());
+    is_sound.then(|| Isometry3::from_parts(Translation3::from(shift), turn))
+}
+
+fn least_squares(sighted: &[Sighted]) -> Option<Isometry3<f64>> {
     if sighted.len() < FEWEST {
         return None;
     }
@@ -73,7 +120,7 @@ mod tests {
             );
             let error = Vector3::new((1.7 * f64::from(i)).sin(), (2.9 * f64::from(i)).sin(), 0.0);
             Sighted {
-                in_world: truth * nalgebra::Point3::from(in_enu) - nalgebra::Point3::origin(),
+                in_world: truth * Point3::from(in_enu) - Point3::origin(),
                 in_enu: in_enu + error_m * error,
                 covariance: Matrix3::identity() * sigma_m * sigma_m,
             }
@@ -84,11 +131,25 @@ mod tests {
     #[test]
     fn a_way_tells_heading_and_place() {
         let (truth, exact) = sighted(100.0, 1.0, 0.0);
-        let off = truth.inverse() * align(&exact).expect("100 m of way");
+        let off = truth.inverse() * align(&exact).expect("100 m of way").0;
         assert!(off.rotation.angle() < 1e-9 && off.translation.vector.norm() < 1e-6);
         let (truth, noisy) = sighted(100.0, 1.0, 1.0);
-        let off = truth.inverse() * align(&noisy).expect("100 m of way");
+        let off = truth.inverse() * align(&noisy).expect("100 m of way").0;
         assert!(off.rotation.angle() < 0.03, "{}", off.rotation.angle());
+    }
+
+    #[test]
+    fn reflections_do_not_turn_the_map_and_are_named() {
+        let (truth, mut sighted) = sighted(20.0, 0.5, 0.3);
+        let reflected = [2, 9, 10, 17, 18];
+        for i in reflected {
+            sighted[i].in_enu += Vector3::new(15.0, 60.0, 5.0);
+        }
+        let (found, agrees) = align(&sighted).expect("16 agree");
+        let off = truth.inverse() * found;
+        assert!(off.rotation.angle() < 0.05, "{}", off.rotation.angle());
+        let named: Vec<usize> = (0..21).filter(|&i| !agrees[i]).collect();
+        assert_eq!(named, reflected);
     }
 
     #[test]
@@ -97,6 +158,7 @@ mod tests {
         assert!(align(&sighted(100.0, 1.0, 0.0).1[..7]).is_none());
         let (_, mut broken) = sighted(100.0, 1.0, 0.0);
         broken[3].in_enu.x = f64::NAN;
-        assert!(align(&broken).is_none());
+        assert_eq!(align(&broken).map(|(_, agrees)| agrees[3]), Some(false));
+        assert!(align(&[]).is_none());
     }
 }

@@ -298,12 +298,11 @@ pub(crate) fn is_plausible(map: &Map, found: &Sameness) -> bool {
 
 /// The pose graph of a map: every keyframe, tied to the one before, to those it shares most points with, and by the loops.
 ///
-/// How far tracking drifts is not known beforehand: the tracked edges are given the noise that makes the correction of the
-/// newest loop a likely one. What counts is how the edges compare.
-pub(crate) fn graph(map: &Map, newest: &Sameness) -> (Vec<KeyframeId>, PoseGraph) {
+/// `tracked` are the standard deviations, in metres and radians, of an edge that was tracked: see [`drift_of`] and
+/// [`usual_drift`].
+pub(crate) fn graph(map: &Map, tracked: [f64; 2]) -> (Vec<KeyframeId>, PoseGraph) {
     let ids: Vec<KeyframeId> = map.keyframes.keys().copied().collect();
     let index = |id: KeyframeId| ids.binary_search(&id).ok();
-    let tracked = drift_per_edge(&ids, newest);
     let mut edges = Vec::new();
     for (to, id) in ids.iter().enumerate() {
         let others = covisible(map, *id);
@@ -374,18 +373,28 @@ const UNTRACKED_RAD: f64 = 3.0;
 const MOST_COVISIBLE: usize = 4;
 const FEWEST_COVISIBLE: usize = 50;
 
-/// Standard deviations of a tracked edge.
-fn drift_per_edge(ids: &[KeyframeId], newest: &Sameness) -> [f64; 2] {
-    let count = ids
-        .iter()
-        .filter(|id| **id > newest.then && **id <= newest.now)
-        .count();
-    let share = (count.max(1) as f64).sqrt().recip();
+/// Standard deviations of a tracked edge, where a loop says how far tracking has drifted: those that make its correction a
+/// likely one. What counts is how the edges compare.
+pub(crate) fn drift_of(map: &Map, newest: &Sameness) -> [f64; 2] {
+    let between = map.keyframes.range(newest.then..=newest.now).count();
     let off = newest.pose_before.inverse() * newest.pose;
-    [
-        (off.translation.vector.norm() * share).max(0.005),
-        (off.rotation.angle() * share).max(0.002),
-    ]
+    per_edge(
+        off.translation.vector.norm(),
+        off.rotation.angle(),
+        between.saturating_sub(1),
+    )
+}
+
+/// The same where nothing says so but what the newest keyframe believes of itself.
+pub(crate) fn usual_drift(map: &Map) -> [f64; 2] {
+    let newest = map.keyframes.values().next_back();
+    let [position_m, attitude_rad] = newest.map_or([0.0; 2], |k| k.drift.sigmas());
+    per_edge(position_m, attitude_rad, map.keyframes.len())
+}
+
+fn per_edge(off_m: f64, off_rad: f64, edges: usize) -> [f64; 2] {
+    let share = (edges.max(1) as f64).sqrt().recip();
+    [(off_m * share).max(0.005), (off_rad * share).max(0.002)]
 }
 
 fn information([sigma_m, sigma_rad]: [f64; 2]) -> Matrix6<f64> {
@@ -529,7 +538,7 @@ mod tests {
         let newest = found(20, &map.poses[20], &at(-0.4, 0.0));
         map.links.push(Link::from(&newest));
         map.remove_keyframe(KeyframeId(7));
-        let (ids, graph) = graph(&map, &newest);
+        let (ids, graph) = graph(&map, drift_of(&map, &newest));
         assert_eq!(
             (ids.len(), graph.edges.len()),
             (20, 20),
@@ -552,7 +561,10 @@ mod tests {
         map.starts.push(KeyframeId(15));
         let newest = found(20, &map.poses[20], &at(-0.4, 0.0));
         map.links.push(Link::from(&newest));
-        let poses = graph(&map, &newest).1.solve().expect("connected");
+        let poses = graph(&map, drift_of(&map, &newest))
+            .1
+            .solve()
+            .expect("connected");
         let x: Vec<f64> = poses.iter().map(|p| p.translation.vector.x).collect();
         assert!(
             (x[14] - 7.0).abs() < 0.01 && (x[15] - 7.1).abs() < 0.02,

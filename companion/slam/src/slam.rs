@@ -3,6 +3,7 @@
 mod atlas;
 mod closing;
 mod handing_out;
+mod positions;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -35,6 +36,7 @@ use crate::tracking::{self, Located};
 use crate::triangulate;
 use crate::worker::Worker;
 use closing::BackEnd;
+use positions::Positions;
 
 /// The least number of features with depth that starts a map.
 const FEWEST_TO_START: usize = 80;
@@ -65,6 +67,7 @@ pub struct Slam {
     /// Which keyframe a lost camera is compared with next.
     next_try: usize,
     back: BackEnd,
+    positions: Positions,
 }
 
 /// The last frame that was looked at; the motion and covariance are of the last one whose pose was found.
@@ -119,6 +122,7 @@ impl Slam {
             reset_counter: 0,
             next_try: 0,
             back: BackEnd::default(),
+            positions: Positions::default(),
             settings,
         }
     }
@@ -166,6 +170,9 @@ impl Slam {
                 None => self.lose(frame, now),
             },
         };
+        if let Some(fix) = &aid.position {
+            self.note_position(fix);
+        }
         Ok(self.outcome(frame.at, keyframe))
     }
 
@@ -390,6 +397,7 @@ impl Slam {
         let limits = (&self.settings, self.most_keyframes());
         mapping::cull(&mut self.map, self.window.make_contiguous(), limits);
         let id = self.close_loop(id);
+        self.use_positions();
         if let Some(k) = self.map.keyframes.get_mut(&id) {
             k.tracked = k.points.iter().flatten().count();
         }

@@ -1,5 +1,7 @@
 //! Loops are closed, and maps joined: the part of the state machine that works with [`crate::loops`].
 
+use nalgebra::Isometry3;
+
 use crate::bundle::Local;
 use crate::loops::{self, Comparison, Sameness, Streak};
 use crate::map::{Excerpt, KeyframeId, Link, Map, Renaming, Standing};
@@ -84,7 +86,7 @@ impl Slam {
         self.map.links.extend(evidence.iter().map(Link::from));
         let off = newest.pose_before.inverse() * newest.pose;
         if off.translation.vector.norm() > NOTED_M || off.rotation.angle() > NOTED_RAD {
-            let (ids, graph) = loops::graph(&self.map, newest);
+            let (ids, graph) = loops::graph(&self.map, loops::drift_of(&self.map, newest));
             let Some(poses) = graph
                 .solve()
                 .ok()
@@ -93,20 +95,24 @@ impl Slam {
                 self.map.links.truncate(links);
                 return;
             };
-            let corrected: Vec<_> = ids.into_iter().zip(poses).collect();
-            let wrong = corrected.iter().any(|(id, pose)| {
-                let k = self.map.keyframes.get(id).filter(|k| k.surface.is_some());
-                k.is_some_and(|k| {
-                    let off = k.world_from_camera.inverse() * pose;
-                    off.translation.vector.norm() > WRONG_M || off.rotation.angle() > WRONG_RAD
-                })
-            });
-            self.map.correct(&corrected);
-            if wrong {
-                self.hand_out_anew();
-            }
+            self.apply(&ids.into_iter().zip(poses).collect::<Vec<_>>());
         }
         self.fuse(newest);
+    }
+
+    /// Moves keyframes to where they were found to be, and has the dense map made anew where that was wrong.
+    pub(super) fn apply(&mut self, corrected: &[(KeyframeId, Isometry3<f64>)]) {
+        let wrong = corrected.iter().any(|(id, pose)| {
+            let k = self.map.keyframes.get(id).filter(|k| k.surface.is_some());
+            k.is_some_and(|k| {
+                let off = k.world_from_camera.inverse() * pose;
+                off.translation.vector.norm() > WRONG_M || off.rotation.angle() > WRONG_RAD
+            })
+        });
+        self.map.correct(corrected);
+        if wrong {
+            self.hand_out_anew();
+        }
     }
 
     /// What was mapped twice becomes one, and bundle adjustment evens it out.
@@ -198,7 +204,7 @@ impl Slam {
 }
 
 /// Whether the corrected poses of the two keyframes are what was recognised: else the loop was outvoted.
-fn agrees(ids: &[KeyframeId], poses: &[nalgebra::Isometry3<f64>], newest: &Sameness) -> bool {
+fn agrees(ids: &[KeyframeId], poses: &[Isometry3<f64>], newest: &Sameness) -> bool {
     const OFF_M: f64 = 0.1;
     const OFF_RAD: f64 = 0.05;
     let pose = |id: KeyframeId| Some(poses[ids.binary_search(&id).ok()?]);

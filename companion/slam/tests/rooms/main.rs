@@ -3,6 +3,7 @@
 mod disturbed;
 mod loops;
 mod lost;
+mod positions;
 mod scene;
 
 use maps::frame::{Camera, Isometry, World};

@@ -1,0 +1,169 @@
+//! Positions by satellites. Each is tied to the keyframe next to which the camera was then; now and then all of them are
+//! laid on the map, and what they say about its drift is spread over it.
+//!
+//! What a receiver says is wrong in nearly the same way for half a minute (ionosphere, orbits): so one position a second
+//! is kept, and so much less is believed of each. The world of the map stays where its first keyframe put it: positions
+//! bend the way, they do not move its beginning.
+
+use std::time::Duration;
+
+use maps::time::Stamp;
+use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
+
+use super::Slam;
+use crate::aid::Fix;
+use crate::georeference::{Sighted, align};
+use crate::loops;
+use crate::map::{KeyframeId, Standing};
+use crate::pose_graph::Position;
+
+/// One in so much time is kept.
+const APART: Duration = Duration::from_secs(1);
+/// How many positions in a row, that long apart, are wrong alike.
+const ALIKE: f64 = 30.0;
+/// So many new ones are worth laying them all on the map.
+const WORTH: usize = 10;
+/// Positions kept: half an hour. Beyond, every other one is forgotten.
+const MOST: usize = 1800;
+/// A position so much older than the last frame is too late.
+const LATEST: Duration = Duration::from_secs(2);
+
+/// What satellites have said so far.
+#[derive(Default)]
+pub(super) struct Positions {
+    tied: Vec<Tied>,
+    last: Option<Stamp>,
+    /// Those that came since the map was last corrected by them.
+    new: usize,
+    world_from_enu: Option<Isometry3<f64>>,
+}
+
+/// A position, and which keyframe was nearest in time.
+struct Tied {
+    map: u32,
+    keyframe: KeyframeId,
+    /// Where the antenna was, in the axes of the keyframe.
+    from_keyframe: Vector3<f64>,
+    in_enu: Vector3<f64>,
+    covariance: Matrix3<f64>,
+}
+
+impl Slam {
+    /// How the map's world lies on the Earth, as far as positions have told: `world_from_enu`. East, north and up count
+    /// from the origin of the positions.
+    pub fn world_from_enu(&self) -> Option<Isometry3<f64>> {
+        self.positions.world_from_enu
+    }
+
+    /// Keeps a position, if the camera was tracked then.
+    pub(super) fn note_position(&mut self, fix: &Fix) {
+        let is_next = self
+            .positions
+            .last
+            .is_none_or(|last| fix.at >= last + APART);
+        let numbers = fix
+            .position
+            .iter()
+            .chain(&fix.antenna_in_camera)
+            .chain(&fix.covariance);
+        let is_sound = numbers.clone().all(|n| n.is_finite()) && fix.covariance.trace() > 0.0;
+        let Some((map, keyframe, from_keyframe)) =
+            self.antenna_at(fix).filter(|_| is_next && is_sound)
+        else {
+            return;
+        };
+        self.positions.last = Some(fix.at);
+        self.positions.new += 1;
+        self.positions.tied.push(Tied {
+            map,
+            keyframe,
+            from_keyframe,
+            in_enu: fix.position,
+            covariance: fix.covariance,
+        });
+        if self.positions.tied.len() > MOST {
+            let mut keep = false;
+            self.positions.tied.retain(|_| {
+                keep = !keep;
+                keep
+            });
+        }
+    }
+
+    /// Where the antenna was at a moment between two tracked frames: map, keyframe, and place in the keyframe's axes.
+    fn antenna_at(&self, fix: &Fix) -> Option<(u32, KeyframeId, Vector3<f64>)> {
+        let at = fix.at;
+        let antenna = Point3::from(fix.antenna_in_camera);
+        let after = self.log.partition_point(|logged| logged.at < at);
+        let later = self.log.get(after)?;
+        let now = self.log.last()?.at;
+        let earlier = self.log.get(after.saturating_sub(1))?;
+        let between = later.at.since(earlier.at);
+        if now.since(at) > LATEST || between > APART || earlier.map != later.map {
+            return None;
+        }
+        let map = self.map_of(later.map)?;
+        let reference = map.poses.get(later.reference.0 as usize)?;
+        let other = map.poses.get(earlier.reference.0 as usize)?;
+        let place = (later.reference_from_camera * antenna).coords;
+        let before = reference.inverse() * other * (earlier.reference_from_camera * antenna);
+        let share = if between.is_zero() {
+            0.0
+        } else {
+            later.at.since(at).as_secs_f64() / between.as_secs_f64()
+        };
+        let in_keyframe = place.lerp(&before.coords, share.clamp(0.0, 1.0));
+        Some((later.map, later.reference, in_keyframe))
+    }
+
+    /// Bends the map to the positions, if enough new ones have come and they tell where it lies.
+    pub(super) fn use_positions(&mut self) {
+        if self.positions.new < WORTH || self.map.standing != Standing::Joined {
+            return;
+        }
+        let sighted = self.sighted();
+        let places: Vec<Sighted> = sighted.iter().map(|&(_, s)| s).collect();
+        let Some((world_from_enu, agrees)) = align(&places) else {
+            return;
+        };
+        self.positions.new = 0;
+        self.positions.world_from_enu = Some(world_from_enu);
+        let (ids, mut graph) = loops::graph(&self.map, loops::usual_drift(&self.map));
+        let turn = *world_from_enu.rotation.to_rotation_matrix().matrix();
+        graph.positions = sighted
+            .iter()
+            .zip(agrees)
+            .filter(|(_, agrees)| *agrees)
+            .filter_map(|((keyframe, s), _)| {
+                let node = ids.binary_search(keyframe).ok()?;
+                let beside = s.in_world - graph.poses[node].translation.vector;
+                Some(Position {
+                    node,
+                    in_world: (world_from_enu * Point3::from(s.in_enu)).coords - beside,
+                    covariance: turn * s.covariance * turn.transpose() * ALIKE,
+                })
+            })
+            .collect();
+        if let Ok(poses) = graph.solve() {
+            self.apply(&ids.into_iter().zip(poses).collect::<Vec<_>>());
+        }
+    }
+
+    /// Of the map in use, the keyframe of each position, where the map has the camera then, and the position.
+    fn sighted(&self) -> Vec<(KeyframeId, Sighted)> {
+        let of = |tied: &Tied| {
+            let keyframe = self
+                .map
+                .keyframes
+                .get(&tied.keyframe)
+                .filter(|_| tied.map == self.map.number)?;
+            let sighted = Sighted {
+                in_world: (keyframe.world_from_camera * Point3::from(tied.from_keyframe)).coords,
+                in_enu: tied.in_enu,
+                covariance: tied.covariance,
+            };
+            Some((tied.keyframe, sighted))
+        };
+        self.positions.tied.iter().filter_map(of).collect()
+    }
+}
