@@ -1,0 +1,56 @@
+//! The methods that are compared: each is a set of SLAM settings, and whether it is told what a detector sees.
+
+use slam::{Moving, Settings};
+
+/// One method.
+pub(super) struct Method {
+    /// As figures have it.
+    pub(super) name: &'static str,
+    /// What it does about people and vehicles in view.
+    moving: Moving,
+    /// Whether it is given the objects of a recording that has some; it does not run on others.
+    pub(super) takes_objects: bool,
+}
+
+/// Ours, by geometry alone and with a detector; and ours that takes everything for static.
+pub(super) const METHODS: [Method; 3] = [
+    Method {
+        name: "tandem",
+        moving: Moving::Reject,
+        takes_objects: false,
+    },
+    Method {
+        name: "no-dynamics",
+        moving: Moving::Ignore,
+        takes_objects: false,
+    },
+    Method {
+        name: "tandem-objects",
+        moving: Moving::Reject,
+        takes_objects: true,
+    },
+];
+
+/// The method against which ghosts are counted.
+pub(super) const STATIC: &str = "no-dynamics";
+
+impl Method {
+    /// The method of that name.
+    pub(super) fn named(name: &str) -> anyhow::Result<&'static Self> {
+        const ALL: &[Method] = &METHODS;
+        let method = ALL.iter().find(|method| method.name == name);
+        method.ok_or_else(|| {
+            let known: Vec<_> = METHODS.iter().map(|method| method.name).collect();
+            anyhow::anyhow!("there is no method {name:?}, only {}", known.join(", "))
+        })
+    }
+
+    /// The default settings with what this method does otherwise, for a camera that sees so far.
+    pub(super) fn settings(&self, max_depth_m: f64) -> Settings {
+        Settings {
+            moving: self.moving,
+            max_depth_m,
+            ..Settings::default()
+        }
+    }
+}
