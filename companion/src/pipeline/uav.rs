@@ -12,7 +12,7 @@ use maps::scan::Scan;
 use maps::tile::Tile;
 use maps::time::Stamp;
 use maps::voxel::{MapDigest, Rgb, Sources, VoxelMap};
-use slam::{DenseKeyframe, Floor, FrameError, Slam, Tracked};
+use slam::{DenseKeyframe, Floor, FrameError, Overlay, Slam, Tracked};
 
 use crate::config::MappingSettings;
 
@@ -153,6 +153,11 @@ impl Mapper {
     /// Where the camera was in every tracked frame, by all that is known now.
     pub fn trajectory(&self) -> Vec<(Stamp, Isometry<World, Camera>)> {
         self.slam.trajectory()
+    }
+
+    /// What was made of the last frame, for pictures.
+    pub fn overlay(&self) -> Overlay {
+        self.slam.overlay()
     }
 
     fn insert(&mut self, keyframes: &[DenseKeyframe]) {

@@ -147,9 +147,8 @@ impl Found {
 }
 
 fn chosen(names: &[String]) -> anyhow::Result<Vec<&'static Method>> {
-    const ALL: &[Method] = &METHODS;
     if names.is_empty() {
-        return Ok(ALL.iter().collect());
+        return Ok(METHODS.iter().collect());
     }
     names.iter().map(|name| Method::named(name)).collect()
 }

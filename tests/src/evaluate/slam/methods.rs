@@ -13,7 +13,7 @@ pub(super) struct Method {
 }
 
 /// Ours, by geometry alone and with a detector; and ours that takes everything for static.
-pub(super) const METHODS: [Method; 3] = [
+pub(super) const METHODS: &[Method] = &[
     Method {
         name: "tandem",
         moving: Moving::Reject,
@@ -37,8 +37,7 @@ pub(super) const STATIC: &str = "no-dynamics";
 impl Method {
     /// The method of that name.
     pub(super) fn named(name: &str) -> anyhow::Result<&'static Self> {
-        const ALL: &[Method] = &METHODS;
-        let method = ALL.iter().find(|method| method.name == name);
+        let method = METHODS.iter().find(|method| method.name == name);
         method.ok_or_else(|| {
             let known: Vec<_> = METHODS.iter().map(|method| method.name).collect();
             anyhow::anyhow!("there is no method {name:?}, only {}", known.join(", "))

@@ -98,7 +98,8 @@ mod tests {
         let at = |nanos| objects.at(Stamp::from_nanos(nanos));
         assert_eq!(at(1_000_400_000).len(), 1, "to the millisecond");
         assert_eq!(at(1_000_033_000)[0].mobility, Mobility::Dynamic);
-        assert_eq!(at(1_000_033_000)[0].bounds_px, [10.0, 20.0, 30.0, 40.0]);
+        let bounds = at(1_000_033_000)[0].bounds_px.map(|c| c as i32);
+        assert_eq!(bounds, [10, 20, 30, 40]);
         let kinds: Vec<_> = at(1_500_000_000).iter().map(|o| o.mobility).collect();
         assert_eq!(kinds, [Mobility::Static, Mobility::Potential]);
         assert!(at(2_000_000_000).is_empty());
