@@ -31,7 +31,7 @@ pub(crate) enum Command {
         #[arg(long)]
         print_config: bool,
     },
-    /// Processes a recording as fast as it goes, without links, and writes its map, trajectory and figures.
+    /// Processes a recording as fast as it goes, without links, and writes its map, trajectory, figures and a page to look at.
     Replay {
         /// Folder in TUM layout or MCAP file.
         source: PathBuf,

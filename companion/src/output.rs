@@ -7,9 +7,10 @@ use std::io::{self, BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 
 use maps::frame::{Camera, Isometry, World};
+use maps::picture::Picture;
 use maps::time::Stamp;
-use maps::trajectory::Trajectory;
 use maps::trajectory::evaluation::{self, Alignment, Tool};
+use maps::trajectory::{Trajectory, tum};
 use maps::voxel::VoxelMap;
 use octomap::{Content, Shape};
 use sensors::TruthPose;
@@ -55,17 +56,9 @@ pub fn write_map(
     map: &VoxelMap,
     trajectory: &[(Stamp, Isometry<World, Camera>)],
 ) -> Result<(), OutputError> {
+    let text = tum::format_poses(trajectory);
     write_atomically(&folder.join("trajectory.txt"), |file| {
-        writeln!(file, "# timestamp tx ty tz qx qy qz qw")?;
-        for (at, pose) in trajectory {
-            let [x, y, z] = pose.translation().raw.coords.into();
-            let [i, j, k, w] = pose.rotation().coords.into();
-            writeln!(
-                file,
-                "{at} {x:.6} {y:.6} {z:.6} {i:.8} {j:.8} {k:.8} {w:.8}"
-            )?;
-        }
-        Ok(())
+        file.write_all(text.as_bytes())
     })?;
     write_atomically(&folder.join("map.ot"), |file| {
         octomap::write_ot(map, file).map_err(io::Error::other)
@@ -87,16 +80,37 @@ pub struct Ate {
     pub frames: usize,
 }
 
-/// The absolute trajectory error as the TUM benchmark defines it; `None` where nothing can be compared.
-pub fn ate(truth: &[TruthPose], trajectory: &[(Stamp, Isometry<World, Camera>)]) -> Option<Ate> {
+/// A recording's truth; `None` where it has none. Of poses with the same stamp the first counts, and what is not finite or
+/// goes back in time makes all of it useless.
+pub fn truth(truth: &[TruthPose]) -> Option<Trajectory<Camera>> {
     let claim = |pose: &TruthPose| (pose.at, Isometry::claim(pose.pose));
-    let mut truth: Vec<_> = truth.iter().map(claim).collect();
-    truth.dedup_by_key(|(at, _)| *at);
-    let truth = Trajectory::new(truth).ok()?;
+    let mut poses: Vec<_> = truth.iter().map(claim).collect();
+    poses.dedup_by_key(|(at, _)| *at);
+    Trajectory::new(poses)
+        .ok()
+        .filter(|truth| !truth.is_empty())
+}
+
+/// The absolute trajectory error as the TUM benchmark defines it; `None` where nothing can be compared.
+pub fn ate(poses: &[TruthPose], trajectory: &[(Stamp, Isometry<World, Camera>)]) -> Option<Ate> {
+    let truth = truth(poses)?;
     let estimate = Trajectory::new(trajectory.to_vec()).ok()?;
     let errors = evaluation::ate(&truth, &estimate, Tool::TumBenchmark, Alignment::Rigid).ok()?;
     Some(Ate {
         rmse_m: errors.rmse,
         frames: errors.count,
     })
+}
+
+/// Writes a picture as a PNG file of eight bits.
+pub(crate) fn png(picture: &Picture, file: impl io::Write) -> io::Result<()> {
+    // A picture has at most 8192 pixels a side.
+    let mut encoder = png::Encoder::new(file, picture.width as u32, picture.height as u32);
+    encoder.set_color(png::ColorType::Rgb);
+    encoder.set_depth(png::BitDepth::Eight);
+    let mut writer = encoder.write_header().map_err(io::Error::other)?;
+    writer
+        .write_image_data(&picture.rgb)
+        .map_err(io::Error::other)?;
+    writer.finish().map_err(io::Error::other)
 }

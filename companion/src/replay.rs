@@ -1,11 +1,18 @@
 //! A recording processed without links: what `companion replay` does.
 //!
-//! The same decoding, SLAM and mapping as in flight, as fast as they go, in the calling thread.
+//! The same decoding, SLAM and mapping as in flight, as fast as they go, in the calling thread. What is left behind is that of a
+//! flight, and beside it `frames.csv`, what each frame took and what came of it, and `report.html`, a page for people.
 
+mod chart;
+mod frames;
+mod page;
+
+use std::io::Write as _;
 use std::path::Path;
 use std::time::Duration;
 
 use maps::time::Stamp;
+use maps::trajectory::Trajectory;
 use sensors::prefetch::Prefetch;
 use sensors::{RgbdSource as _, SourceError};
 
@@ -16,6 +23,8 @@ use crate::output::{self, OutputError};
 use crate::pipeline::uav::Mapper;
 use crate::pipeline::{self, Ending, Seen, SourceEnded};
 use crate::report::Report;
+use frames::{Row, Sample, Samples};
+use page::Page;
 
 /// Why a recording could not be replayed.
 #[derive(Debug, thiserror::Error)]
@@ -51,8 +60,8 @@ pub enum Continue {
     No,
 }
 
-/// Processes the recording of the settings and writes `report.json`, `trajectory.txt`, `map.ot` and `map.bt`. A
-/// recording that turns out damaged is an error, but what came before the damage is written first.
+/// Processes the recording of the settings and writes `report.json`, `report.html`, `frames.csv`, `trajectory.txt`, `map.ot`
+/// and `map.bt`. A recording that turns out damaged is an error, but what came before the damage is written first.
 pub fn replay(
     settings: &Settings,
     clock: Clock,
@@ -64,17 +73,20 @@ pub fn replay(
     let mut source = Prefetch::with(source, ahead, move |frame| front_end.look(frame))?;
     let mut figures = Figures::new(source.name(), source.frame_count(), &settings.mapping);
     let mut mapper = Mapper::new(source.camera(), &settings.mapping);
+    let (mut rows, mut samples) = (Vec::new(), Samples::default());
     let (ending, damage) = loop {
         let (frame, seen) = match source.next_made() {
             Ok(Some(made)) => made,
             Ok(None) => break (Ending::Finished, None),
             Err(error) => break (Ending::Failed(pipeline::chain(&error)), Some(error)),
         };
-        figures.add_frame(&pipeline::process(
-            &mut mapper,
-            (&frame, seen, source.beside()),
-            clock,
-        ));
+        let taken = (&frame, seen, source.beside());
+        let done = pipeline::process(&mut mapper, taken, clock);
+        if samples.wants(figures.frames()) {
+            samples.add(Sample::draw(&frame, &mapper.overlay()));
+        }
+        figures.add_frame(&done);
+        rows.push(Row::new(frame.at, &done));
         let so_far = Progress {
             frames: figures.frames(),
             of: source.frame_count(),
@@ -85,27 +97,60 @@ pub fn replay(
         }
     };
     mapper.finish();
-    let report = conclude(&mapper, &source, figures, ending, (clock, &settings.out))?;
+    let kept = Kept {
+        mapper: &mapper,
+        rows: &rows,
+        samples: &samples,
+    };
+    let report = kept.conclude(&source, figures, ending, (clock, &settings.out))?;
     damage.map_or(Ok(report), |error| Err(error.into()))
 }
 
-fn conclude(
-    mapper: &Mapper,
-    source: &Prefetch<Seen>,
-    mut figures: Figures,
-    ending: Ending,
-    (clock, out): (Clock, &Path),
-) -> Result<Report, OutputError> {
-    let trajectory = mapper.trajectory();
-    output::write_map(out, mapper.map(), &trajectory)?;
-    figures.end(&SourceEnded {
-        ending,
-        ate: output::ate(source.truth(), &trajectory),
-        map: mapper.figures(),
-        floor: mapper.floor(),
-        losses: source.live().map(|live| live.losses()),
-    });
-    let report = figures.report(clock.now());
-    report.write(out)?;
-    Ok(report)
+/// What has been kept of a replay that is over.
+struct Kept<'a> {
+    mapper: &'a Mapper,
+    rows: &'a [Row],
+    samples: &'a Samples,
+}
+
+impl Kept<'_> {
+    fn conclude(
+        &self,
+        source: &Prefetch<Seen>,
+        mut figures: Figures,
+        ending: Ending,
+        (clock, out): (Clock, &Path),
+    ) -> Result<Report, OutputError> {
+        let trajectory = self.mapper.trajectory();
+        output::write_map(out, self.mapper.map(), &trajectory)?;
+        output::write_atomically(&out.join("frames.csv"), |file| {
+            frames::write_csv(self.rows, file)
+        })?;
+        figures.end(&SourceEnded {
+            ending,
+            ate: output::ate(source.truth(), &trajectory),
+            map: self.mapper.figures(),
+            floor: self.mapper.floor(),
+            losses: source.live().map(|live| live.losses()),
+        });
+        let report = figures.report(clock.now());
+        report.write(out)?;
+        // Frames come in order of time, and no pose that is not finite is told.
+        if let Ok(estimate) = Trajectory::new(trajectory) {
+            let truth = output::truth(source.truth());
+            let page = Page {
+                report: &report,
+                estimate: &estimate,
+                truth: truth.as_ref(),
+                rows: self.rows,
+                samples: self.samples.all(),
+                map: self.mapper.map(),
+            };
+            let html = page.html();
+            output::write_atomically(&out.join("report.html"), |file| {
+                file.write_all(html.as_bytes())
+            })?;
+        }
+        Ok(report)
+    }
 }

@@ -239,6 +239,8 @@ fn a_replay_is_exact_and_close_to_the_truth() {
         let (a, b) = (a.expect(name), b.expect(name));
         assert!(!a.is_empty() && (name == "report.json" || a == b), "{name}");
     }
+    let table = std::fs::read_to_string(folder.path().join("a/frames.csv")).expect("a table");
+    assert_eq!(table.lines().count(), 1 + FRAMES, "a line for each frame");
 }
 
 #[test]

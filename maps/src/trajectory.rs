@@ -4,7 +4,9 @@
 //! - [`Trajectory`] holds the poses, in order; [`tum`] reads and writes them.
 //! - [`evaluation`] pairs two trajectories by stamp, lays one over the other and measures the absolute (ATE) and the
 //!   relative (RPE) error, as `evo` does or as the benchmark's own tool does.
+//! - [`drift`] is the error in per cent of the way.
 
+pub mod drift;
 pub mod evaluation;
 pub mod tum;
 

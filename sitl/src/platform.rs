@@ -113,6 +113,15 @@ pub fn uav(scene: &Scene, at: Stamp, seed: u64) -> Isometry<World, Body> {
     Isometry::claim(level.raw * Isometry3::from_parts(Translation3::identity(), shake))
 }
 
+/// A level place for the drone over a street, turned along it: so far along it from the scene's origin, so far to the left of
+/// its middle, and as high as the scene's own drone flies. `None` in the room.
+pub fn over_street(scene: &Scene, along_m: f64, left_m: f64) -> Option<Isometry<World, Body>> {
+    let street = scene.street()?;
+    let (course, up_m) = (street.course(), street.flight_m());
+    let place = course.place(along_m, left_m);
+    Some(level([place.x, place.y, up_m], course.heading(along_m)))
+}
+
 /// The drone's camera.
 pub fn uav_camera(scene: &Scene, at: Stamp, seed: u64) -> Isometry<World, Camera> {
     uav(scene, at, seed) * body_from_uav_camera(scene)

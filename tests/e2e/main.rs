@@ -2,6 +2,7 @@
 
 mod architecture;
 mod dataset;
+mod evo;
 mod mission;
 mod peers;
 mod programs;

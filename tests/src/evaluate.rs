@@ -21,8 +21,10 @@ mod link;
 mod map_update;
 mod planning;
 mod sitl;
+mod slam;
 mod table;
 
+pub use self::slam::{Options as SlamOptions, run_job as run_slam_job};
 pub use figures::{FigureError, Figures};
 pub use table::Table;
 
@@ -37,6 +39,8 @@ pub enum Suite {
     Link,
     /// The simulated world against the paper's scenes
     Sitl,
+    /// The SLAM on recordings and over simulated streets
+    Slam,
 }
 
 /// What a suite is asked to do.
@@ -45,6 +49,10 @@ pub struct Request<'a> {
     pub seed: Option<u64>,
     /// The folder of recordings, for suites that need one.
     pub data: Option<&'a Path>,
+    /// Where results go: beside its figures a suite may leave what they were made of.
+    pub out: &'a Path,
+    /// What is asked of the SLAM's suite.
+    pub slam: &'a SlamOptions,
     /// Shows people how far it has come.
     pub say: &'a mut dyn FnMut(&str),
 }
@@ -65,6 +73,7 @@ impl Suite {
             Self::MapUpdate => "map-update",
             Self::Link => "link",
             Self::Sitl => "sitl",
+            Self::Slam => "slam",
         }
     }
 
@@ -75,6 +84,7 @@ impl Suite {
             Self::MapUpdate => map_update::run(request),
             Self::Link => link::run(request),
             Self::Sitl => sitl::run(request),
+            Self::Slam => slam::run(request),
         }
     }
 }

@@ -7,7 +7,6 @@
 //! Pictures: green points support the pose, red ones are rejected, red cells move; and every dense point from above.
 #![expect(clippy::print_stdout, reason = "a command-line program")]
 
-use std::collections::BTreeMap;
 use std::error::Error;
 use std::fs::{self, File};
 use std::io::{BufReader, BufWriter, Write as _};
@@ -17,7 +16,8 @@ use std::time::{Duration, Instant};
 
 use maps::camera::{Pinhole, RgbdFrame};
 use maps::time::Stamp;
-use nalgebra::{Isometry3, Matrix3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
+use maps::trajectory::evaluation::{self, Alignment, Delta, Tool};
+use maps::trajectory::{Trajectory, tum};
 use slam::{DenseKeyframe, DenseUpdate, Moving, Settings, Slam, Stage, State, Tracked};
 
 type Result<T> = std::result::Result<T, Box<dyn Error>>;
@@ -270,108 +270,31 @@ fn report(outcomes: &[Tracked], times: &[(Duration, bool)], dense: &[DenseKeyfra
     println!("dense keyframes {} points {points}", dense.len());
 }
 
-/// ATE as `evo` computes it: nearest stamps within 20 ms, rigid alignment, RMSE of the positions.
+/// The absolute error as the TUM benchmark has it, and the relative one as `evo` has it.
 fn accuracy(folder: &Path, slam: &Slam, outcomes: &[Tracked]) -> Result<()> {
-    let mut truth = BTreeMap::new();
-    for line in fs::read_to_string(folder.join("groundtruth.txt"))?.lines() {
-        let v: Vec<f64> = line
-            .split_whitespace()
-            .filter_map(|f| f.parse().ok())
-            .collect();
-        if let [t, x, y, z, qx, qy, qz, qw] = v[..] {
-            let rotation = UnitQuaternion::new_normalize(Quaternion::new(qw, qx, qy, qz));
-            let pose = Isometry3::from_parts(Translation3::new(x, y, z), rotation);
-            truth.insert(Stamp::from_secs_f64(t).ok_or("bad stamp")?, pose);
-        }
-    }
-    let nearest = |at: Stamp| {
-        let span = Duration::from_millis(20);
-        let near = truth.range(at - span..=at + span);
-        near.min_by_key(|(t, _)| t.distance(at)).map(|(_, p)| *p)
-    };
-    let pair =
-        |poses: Vec<(Stamp, Isometry3<f64>)>| -> Vec<(Stamp, Isometry3<f64>, Isometry3<f64>)> {
-            let with_truth = |(at, p): (Stamp, Isometry3<f64>)| Some((at, p, nearest(at)?));
-            poses.into_iter().filter_map(with_truth).collect()
-        };
-    let final_poses = pair(
-        slam.trajectory()
-            .into_iter()
-            .map(|(at, p)| (at, p.raw))
-            .collect(),
-    );
+    let truth = tum::parse(&fs::read_to_string(folder.join("groundtruth.txt"))?)?;
+    let estimate = Trajectory::new(slam.trajectory())?;
     let live = outcomes.iter().filter(|o| o.state == State::Tracking);
-    let sigmas: BTreeMap<Stamp, f64> = live
-        .clone()
-        .map(|o| (o.at, o.covariance.fixed_view::<3, 3>(0, 0).trace()))
-        .collect();
-    let live = pair(live.map(|o| (o.at, o.world_from_camera.raw)).collect());
-    let told: f64 = live.iter().filter_map(|(at, ..)| sigmas.get(at)).sum();
+    let variance = |o: &Tracked| o.covariance.fixed_view::<3, 3>(0, 0).trace();
+    let mean = live.clone().map(variance).sum::<f64>() / live.clone().count().max(1) as f64;
     println!(
         "told standard deviation of the position, RMS {:.4} m",
-        (told / live.len().max(1) as f64).sqrt()
+        mean.sqrt()
     );
+    let live = Trajectory::new(live.map(|o| (o.at, o.world_from_camera)).collect())?;
+    let ate = |poses| evaluation::ate(&truth, poses, Tool::TumBenchmark, Alignment::Rigid);
     println!(
         "ATE RMSE {:.4} m, of the poses as first told {:.4} m",
-        ate(&final_poses),
-        ate(&live)
+        ate(&estimate)?.rmse,
+        ate(&live)?.rmse
     );
+    let rpe = |frames| evaluation::rpe(&truth, &estimate, Delta::EveryFrames(frames));
     println!(
         "RPE over one frame {:.4} m, over 30 frames {:.4} m",
-        rpe(&final_poses, 1),
-        rpe(&final_poses, 30)
+        rpe(1)?.translation_m.rmse,
+        rpe(30)?.translation_m.rmse
     );
     Ok(())
-}
-
-fn ate(poses: &[(Stamp, Isometry3<f64>, Isometry3<f64>)]) -> f64 {
-    let n = poses.len().max(1) as f64;
-    let position = |p: &Isometry3<f64>| p.translation.vector;
-    let mean_a = poses
-        .iter()
-        .map(|(_, a, _)| position(a))
-        .sum::<Vector3<f64>>()
-        / n;
-    let mean_b = poses
-        .iter()
-        .map(|(_, _, b)| position(b))
-        .sum::<Vector3<f64>>()
-        / n;
-    let h: Matrix3<f64> = poses
-        .iter()
-        .map(|(_, a, b)| (position(b) - mean_b) * (position(a) - mean_a).transpose())
-        .sum();
-    let svd = h.svd(true, true);
-    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
-        return f64::NAN;
-    };
-    let sign = (u.determinant() * v_t.determinant()).signum();
-    let r = Rotation3::from_matrix_unchecked(
-        u * Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, sign)) * v_t,
-    );
-    let errors: Vec<f64> = poses
-        .iter()
-        .map(|(_, a, b)| (r * (position(a) - mean_a) - (position(b) - mean_b)).norm())
-        .collect();
-    let worst: Vec<String> = errors
-        .iter()
-        .step_by(20)
-        .map(|e| format!("{e:.3}"))
-        .collect();
-    println!("error every 20 frames: {}", worst.join(" "));
-    (errors.iter().map(|e| e * e).sum::<f64>() / n).sqrt()
-}
-
-fn rpe(poses: &[(Stamp, Isometry3<f64>, Isometry3<f64>)], step: usize) -> f64 {
-    let squares: Vec<f64> = poses
-        .iter()
-        .zip(poses.iter().skip(step))
-        .map(|((_, a, b), (_, c, d))| {
-            let difference = (b.inverse() * d).inverse() * (a.inverse() * c);
-            difference.translation.vector.norm_squared()
-        })
-        .collect();
-    (squares.iter().sum::<f64>() / squares.len().max(1) as f64).sqrt()
 }
 
 fn overlay_picture(path: &Path, frame: &RgbdFrame, slam: &Slam) -> Result<()> {

@@ -10,13 +10,13 @@ use std::time::Duration;
 
 use geodesy::{Geodetic, Origin};
 use maps::camera::{Pinhole, RgbdFrame};
-use maps::frame::{Camera, Isometry, World};
+use maps::frame::{Body, Camera, Isometry, World};
 use maps::tile::Tile;
 use maps::time::Stamp;
 use maps::voxel::{MapDigest, VoxelMap};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use sensors::beside::{Beside, SatelliteFix};
-use slam::{Aid, Fix, Floor, FrameError, FrontEnd, Look, Slam, Tracked};
+use slam::{Aid, Fix, Floor, FrameError, FrontEnd, Look, Overlay, Slam, Tracked};
 
 use crate::config::MappingSettings;
 use remaking::DenseMap;
@@ -74,10 +74,10 @@ fn slam_settings(settings: &MappingSettings) -> slam::Settings {
 /// SLAM and the map it fills.
 pub struct Mapper {
     slam: Slam,
-    camera_from_body: UnitQuaternion<f64>,
+    dense: DenseMap,
+    camera_from_body: Isometry<Camera, Body>,
     /// From where positions by satellites count: the first of them.
     first_fix: Option<Origin>,
-    dense: DenseMap,
     warned: bool,
     tile_period: Duration,
     last_update: Option<Stamp>,
@@ -89,9 +89,9 @@ impl Mapper {
     pub fn new(camera: Pinhole, settings: &MappingSettings) -> Self {
         Self {
             slam: Slam::new(camera, slam_settings(settings)),
-            camera_from_body: settings.body_from_camera.rotation().inverse(),
-            first_fix: None,
             dense: DenseMap::new(settings.resolution_m, settings.max_range_m),
+            camera_from_body: settings.body_from_camera.inverse(),
+            first_fix: None,
             warned: false,
             tile_period: settings.tile_period,
             last_update: None,
@@ -119,7 +119,8 @@ impl Mapper {
     ) -> Result<Tracked, FrameError> {
         let had_floor = self.slam.floor().is_some();
         let in_camera = |turn: UnitQuaternion<f64>| {
-            self.camera_from_body * turn * self.camera_from_body.inverse()
+            let axes = self.camera_from_body.rotation();
+            axes * turn * axes.inverse()
         };
         let aid = Aid {
             turned: beside.turned.map(in_camera),
@@ -148,6 +149,8 @@ impl Mapper {
             at: fix.at,
             position,
             covariance: Matrix3::from_diagonal(&Vector3::from(fix.variances_m2)),
+            // The antenna is taken to be where the body's axes meet.
+            antenna_in_camera: self.camera_from_body.raw.translation.vector,
         })
     }
 
@@ -205,6 +208,11 @@ impl Mapper {
     /// Where the camera was in every tracked frame, by all that is known now.
     pub fn trajectory(&self) -> Vec<(Stamp, Isometry<World, Camera>)> {
         self.slam.trajectory()
+    }
+
+    /// What was made of the last frame, for pictures.
+    pub fn overlay(&self) -> Overlay {
+        self.slam.overlay()
     }
 
     /// Says once, in the log, that the floor is none.

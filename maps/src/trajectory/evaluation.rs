@@ -215,7 +215,12 @@ fn moved(
     }
 }
 
-fn too_few(found: usize, needed: usize, estimated: usize, truths: usize) -> EvaluationError {
+pub(super) fn too_few(
+    found: usize,
+    needed: usize,
+    estimated: usize,
+    truths: usize,
+) -> EvaluationError {
     EvaluationError::TooFewPairs {
         found,
         needed,

@@ -7,7 +7,7 @@ use std::fmt::Write as _;
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion};
 
 use super::Trajectory;
-use crate::frame::Isometry;
+use crate::frame::{Isometry, World};
 use crate::time::Stamp;
 
 /// What is wrong with a line of a trajectory.
@@ -145,8 +145,13 @@ fn shortened(text: &str) -> String {
 
 /// Writes a trajectory such that [`parse`] gives back the same stamps and, to rounding, the same poses.
 pub fn format<B>(trajectory: &Trajectory<B>) -> String {
+    format_poses(trajectory.poses())
+}
+
+/// The same of poses in the order in which they come.
+pub fn format_poses<B>(poses: &[(Stamp, Isometry<World, B>)]) -> String {
     let mut text = String::from("# timestamp tx ty tz qx qy qz qw\n");
-    for (at, pose) in trajectory.poses() {
+    for (at, pose) in poses {
         let t = pose.translation().raw;
         let q = pose.rotation();
         // Writing to a string cannot fail.

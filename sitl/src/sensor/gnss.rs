@@ -30,6 +30,8 @@
 //!   House, 2013, ch. 9, ch. 10.
 //! - The data sheets named at the presets.
 
+mod sky;
+
 use std::collections::VecDeque;
 use std::time::Duration;
 

@@ -5,7 +5,7 @@ use std::io::{self, Write as _};
 use std::path::PathBuf;
 
 use clap::Parser;
-use tests::evaluate::{self, Request, Suite};
+use tests::evaluate::{self, Request, SlamOptions, Suite};
 
 /// Measures one part of Tandem against its rivals: prints a table and writes the figures to DIR/SUITE.json.
 #[derive(Parser)]
@@ -22,10 +22,18 @@ struct Arguments {
     /// Folder with recordings, for suites that measure on them
     #[arg(long, value_name = "DIR")]
     data: Option<PathBuf>,
+    #[command(flatten)]
+    slam: SlamOptions,
+    /// One run of the SLAM's suite, in this process
+    #[arg(long, value_name = "FILE", hide = true)]
+    slam_job: Option<PathBuf>,
 }
 
 fn main() -> anyhow::Result<()> {
     let arguments = Arguments::parse();
+    if let Some(job) = &arguments.slam_job {
+        return evaluate::run_slam_job(job);
+    }
     let command = evaluate::command_line(env::args_os());
     let mut say = |text: &str| drop(writeln!(io::stderr(), "{text}"));
     // Before minutes of measuring, not after.
@@ -33,6 +41,8 @@ fn main() -> anyhow::Result<()> {
     let outcome = arguments.suite.run(&mut Request {
         seed: arguments.seed,
         data: arguments.data.as_deref(),
+        out: &arguments.out,
+        slam: &arguments.slam,
         say: &mut say,
     })?;
     writeln!(io::stdout(), "{}", outcome.text)?;

@@ -237,6 +237,8 @@ mod tests {
         let mut request = Request {
             seed: Some(999),
             data: None,
+            out: std::path::Path::new("."),
+            slam: &crate::evaluate::SlamOptions::default(),
             say: &mut |_| {},
         };
         let error = run(&mut request).map(|_| ()).expect_err("a training seed");

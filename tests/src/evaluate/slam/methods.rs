@@ -1,0 +1,72 @@
+//! The methods that are compared: each is a set of SLAM settings, and whether it is told what a detector sees.
+
+use slam::{Moving, Settings};
+
+/// One method.
+pub(super) struct Method {
+    /// As figures have it.
+    pub(super) name: &'static str,
+    /// What it does about people and vehicles in view.
+    moving: Moving,
+    /// Whether it is given the objects of a recording that has some; it does not run on others.
+    pub(super) takes_objects: bool,
+    /// The satellite receiver it is given; it does not run on recordings that have none.
+    pub(super) receiver: Option<&'static str>,
+}
+
+/// Ours, by geometry alone, with a detector, and with satellites; and ours that takes everything for static.
+pub(super) const METHODS: &[Method] = &[
+    Method {
+        name: "tandem",
+        moving: Moving::Reject,
+        takes_objects: false,
+        receiver: None,
+    },
+    Method {
+        name: "no-dynamics",
+        moving: Moving::Ignore,
+        takes_objects: false,
+        receiver: None,
+    },
+    Method {
+        name: "tandem-objects",
+        moving: Moving::Reject,
+        takes_objects: true,
+        receiver: None,
+    },
+    Method {
+        name: "tandem-m8n",
+        moving: Moving::Reject,
+        takes_objects: false,
+        receiver: Some("m8n"),
+    },
+    Method {
+        name: "tandem-rtk",
+        moving: Moving::Reject,
+        takes_objects: false,
+        receiver: Some("rtk"),
+    },
+];
+
+/// The method against which ghosts are counted.
+pub(super) const STATIC: &str = "no-dynamics";
+
+impl Method {
+    /// The method of that name.
+    pub(super) fn named(name: &str) -> anyhow::Result<&'static Self> {
+        let method = METHODS.iter().find(|method| method.name == name);
+        method.ok_or_else(|| {
+            let known: Vec<_> = METHODS.iter().map(|method| method.name).collect();
+            anyhow::anyhow!("there is no method {name:?}, only {}", known.join(", "))
+        })
+    }
+
+    /// The default settings with what this method does otherwise, for a camera that sees so far.
+    pub(super) fn settings(&self, max_depth_m: f64) -> Settings {
+        Settings {
+            moving: self.moving,
+            max_depth_m,
+            ..Settings::default()
+        }
+    }
+}

@@ -1,0 +1,124 @@
+//! What a detector sees in the frames of a recording, from a file.
+//!
+//! ```text
+//! stamp left top right bottom score class
+//! ```
+//!
+//! One object a line: the stamp of its frame in seconds, its box in raw pixels, 0 to 1, and a name of COCO or of the
+//! simulator. `#` begins a comment. A frame that no line names was looked at and shows nothing.
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::Path;
+
+use anyhow::Context as _;
+use maps::time::Stamp;
+use slam::{Mobility, Object};
+
+/// By frame. Stamps agree to the millisecond: a detector may print fewer digits than a recording has.
+pub(super) struct Objects(BTreeMap<u64, Vec<Object>>);
+
+impl Objects {
+    pub(super) fn read(path: &Path) -> anyhow::Result<Self> {
+        let text = fs::read_to_string(path)
+            .with_context(|| format!("cannot read the objects in {}", path.display()))?;
+        let mut frames: BTreeMap<u64, Vec<Object>> = BTreeMap::new();
+        for (index, line) in text.lines().enumerate() {
+            let line = line.split('#').next().unwrap_or_default().trim();
+            if line.is_empty() {
+                continue;
+            }
+            let (at, object) = object(line).with_context(|| {
+                format!(
+                    "{}, line {}: expected `stamp left top right bottom score class`, found {line:?}",
+                    path.display(),
+                    index + 1
+                )
+            })?;
+            frames.entry(millis(at)).or_default().push(object);
+        }
+        Ok(Self(frames))
+    }
+
+    /// What the frame of that stamp shows.
+    pub(super) fn at(&self, at: Stamp) -> &[Object] {
+        self.0.get(&millis(at)).map_or(&[], Vec::as_slice)
+    }
+}
+
+fn millis(at: Stamp) -> u64 {
+    (at.as_nanos() + 500_000) / 1_000_000
+}
+
+fn object(line: &str) -> Option<(Stamp, Object)> {
+    let words: Vec<&str> = line.split_whitespace().collect();
+    // A class may be of two words: `traffic light`.
+    let (numbers, class) = words.split_at_checked(6)?;
+    let mut values = [0.0_f64; 6];
+    for (value, word) in values.iter_mut().zip(numbers) {
+        *value = word.parse().ok().filter(|n: &f64| n.is_finite())?;
+    }
+    let [at, left, top, right, bottom, score] = values;
+    if class.is_empty() || right < left || bottom < top || !(0.0..=1.0).contains(&score) {
+        return None;
+    }
+    let object = Object {
+        mobility: mobility(&class.join(" ")),
+        score: score as f32,
+        bounds_px: [left, top, right, bottom].map(|n| n as f32),
+    };
+    Some((Stamp::from_secs_f64(at)?, object))
+}
+
+/// Who moves by themselves, what may, and all the rest.
+fn mobility(class: &str) -> Mobility {
+    match class {
+        "person" | "pedestrian" | "cyclist" | "rider" | "robot" | "bird" | "cat" | "dog"
+        | "horse" | "sheep" | "cow" => Mobility::Dynamic,
+        "bicycle" | "motorcycle" | "car" | "bus" | "truck" | "train" | "boat" | "chair"
+        | "suitcase" | "backpack" | "handbag" | "umbrella" | "sports ball" => Mobility::Potential,
+        _ => Mobility::Static,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> anyhow::Result<Objects> {
+        let file = tempfile::NamedTempFile::new().expect("a file");
+        fs::write(file.path(), text).expect("written");
+        Objects::read(file.path())
+    }
+
+    #[test]
+    fn a_frame_has_the_objects_of_its_stamp_and_others_have_none() {
+        let text = "# seen\n1.000033 10 20 30 40 0.9 person\n1.5 0 0 5 5 1 traffic light # red\n1.5 1 1 2 2 0.5 car\n";
+        let objects = read(text).expect("sound");
+        let at = |nanos| objects.at(Stamp::from_nanos(nanos));
+        assert_eq!(at(1_000_400_000).len(), 1, "to the millisecond");
+        assert_eq!(at(1_000_033_000)[0].mobility, Mobility::Dynamic);
+        let bounds = at(1_000_033_000)[0].bounds_px.map(|c| c as i32);
+        assert_eq!(bounds, [10, 20, 30, 40]);
+        let kinds: Vec<_> = at(1_500_000_000).iter().map(|o| o.mobility).collect();
+        assert_eq!(kinds, [Mobility::Static, Mobility::Potential]);
+        assert!(at(2_000_000_000).is_empty());
+    }
+
+    #[test]
+    fn a_line_that_is_no_object_is_refused_with_its_number() {
+        for line in [
+            "1 0 0 5 5 0.5",
+            "1 0 0 5 nan 0.5 car",
+            "1 9 0 5 5 0.5 car",
+            "1 0 0 5 5 1.5 car",
+            "-1 0 0 5 5 0.5 car",
+            "x",
+        ] {
+            let error = read(&format!("1 0 0 5 5 0.5 car\n{line}\n"))
+                .err()
+                .expect(line);
+            assert!(error.to_string().contains("line 2"), "{line}: {error}");
+        }
+    }
+}
