@@ -2,7 +2,8 @@
 //!
 //! The static points of all keyframes go into a voxel map as the companion does it, in voxels of 0.1 m, but at the camera's
 //! *true* pose: what is drawn in the wrong place by drift is no ghost, and the absolute error tells of it. A voxel is hit by a
-//! mover if such a point lay within the true box of somebody who can move, as it stood at that moment. A ghost is a voxel that
+//! mover if such a point lay within the true box of somebody who can move, as it stood at that moment, and at least 0.3 m above
+//! the bottom of that box: lower down, feet and wheels cannot be told from the noise of the ground that is seen beside them. A ghost is a voxel that
 //! was hit by a mover, is occupied in the end, and has no surface of the true static world in it or next to it. People, with
 //! their bicycles, are counted among all movers and for themselves.
 
@@ -30,6 +31,8 @@ use super::recordings;
 const VOXEL_M: f64 = 0.1;
 /// So much around a box belongs to it: noise, and limbs that swing.
 const MARGIN_M: f64 = 0.1;
+/// Lower parts of a box are left to the noise of the ground: three standard deviations of it 8 m away.
+const GROUND_M: f64 = 0.3;
 /// A person in the room: they have no box of their own.
 const PERSON_M: [f64; 3] = [0.7, 0.7, 1.9];
 
@@ -151,10 +154,12 @@ struct Occupied {
 impl Occupied {
     /// Its place is in the middle of its bottom.
     fn new(place: Isometry3<f64>, size: Vector3<f64>, class: Class) -> Self {
-        let middle = place * Translation3::new(0.0, 0.0, size.z / 2.0);
+        let (low_m, high_m) = (GROUND_M, size.z + MARGIN_M);
+        let middle = place * Translation3::new(0.0, 0.0, f64::midpoint(low_m, high_m));
+        let [x, y] = [size.x, size.y].map(|side| side / 2.0 + MARGIN_M);
         Self {
             from_world: middle.inverse(),
-            half: size / 2.0 + Vector3::repeat(MARGIN_M),
+            half: Vector3::new(x, y, (high_m - low_m) / 2.0),
             is_person: matches!(class, Class::Pedestrian | Class::Cyclist),
         }
     }
