@@ -45,11 +45,19 @@ impl Pending {
         Self { samples }
     }
 
-    /// The static points.
-    pub(crate) fn points(&self, optics: &Optics, coarse: &Coarse) -> Vec<(Point<Camera>, [u8; 3])> {
+    /// The static points: those that do not move, and that nobody has looked through.
+    pub(crate) fn points(
+        &self,
+        optics: &Optics,
+        (coarse, seen_through): (&Coarse, &[bool]),
+    ) -> Vec<(Point<Camera>, [u8; 3])> {
+        let is_static = |x: u16, y: u16| {
+            let cell = optics.cell_at([f32::from(x), f32::from(y)]);
+            !coarse.moving[cell] && seen_through.get(cell) != Some(&true)
+        };
         self.samples
             .iter()
-            .filter(|&&(x, y, ..)| !coarse.moving[optics.cell_at([f32::from(x), f32::from(y)])])
+            .filter(|&&(x, y, ..)| is_static(x, y))
             .map(|&(x, y, depth, rgb)| {
                 let pixel = [f64::from(x), f64::from(y)];
                 (optics.camera.unproject(pixel, f64::from(depth)), rgb)

@@ -60,9 +60,9 @@ mod spread;
 mod tracked;
 mod tracking;
 
-pub use aid::{Aid, Fix, Mobility, Object};
+pub use aid::{Aid, Fix, MaskError, Mobility, Object, PixelMask};
 pub use dense::DenseKeyframe;
 pub use level::Floor;
-pub use settings::{Moving, Settings};
+pub use settings::{Mapping, Moving, Settings};
 pub use slam::Slam;
 pub use tracked::{FrameError, Overlay, State, Tracked};

@@ -12,7 +12,7 @@ use rand_pcg::rand_core::SeedableRng as _;
 use crate::aid::Aid;
 use crate::coarse::Coarse;
 use crate::dense::{DenseKeyframe, Pending};
-use crate::dynamics::{self, Mask};
+use crate::dynamics::{self, Memory, Scene};
 use crate::features::{DepthRange, Extractor};
 use crate::level::{self, Floor, Plane};
 use crate::map::{Keyframe, KeyframeId, Map};
@@ -21,7 +21,7 @@ use crate::matching::Sighting;
 use crate::motion::Motion;
 use crate::optics::Optics;
 use crate::revisit;
-use crate::settings::{Moving, Settings};
+use crate::settings::{Mapping, Moving, Settings};
 use crate::solver::Fit;
 use crate::tracked::{FrameError, Overlay, State, Tracked};
 use crate::tracking::{self, Located};
@@ -41,7 +41,8 @@ pub struct Slam {
     state: State,
     floor: Option<Floor>,
     last: Last,
-    mask: Mask,
+    /// What moved in the last frame.
+    moved: Memory,
     /// Keyframes whose poses still move, oldest first.
     window: VecDeque<KeyframeId>,
     log: Vec<Logged>,
@@ -86,7 +87,7 @@ impl Slam {
                 frames_since_keyframe: 0,
                 rejected: 0,
             },
-            mask: Mask::default(),
+            moved: Memory::default(),
             window: VecDeque::new(),
             log: Vec::new(),
             settled: Vec::new(),
@@ -111,7 +112,7 @@ impl Slam {
         let coarse = Coarse::new(&self.optics, frame, depths);
         let mut now = Sighting::new(&self.optics, features, coarse);
         let keyframe = match self.state {
-            State::Searching => self.start(frame, now),
+            State::Searching => self.start(frame, now, aid),
             State::Tracking | State::Lost { .. } => match self.locate(frame.at, &mut now, aid) {
                 Some(fit) => self.follow(frame, now, &fit),
                 None => self.lose(frame.at, now),
@@ -211,7 +212,7 @@ impl Slam {
         }
     }
 
-    fn start(&mut self, frame: &RgbdFrame, now: Sighting) -> bool {
+    fn start(&mut self, frame: &RgbdFrame, mut now: Sighting, aid: &Aid<'_>) -> bool {
         let deep = now.features.iter().filter(|f| f.depth_m.is_some()).count();
         if deep < FEWEST_TO_START {
             self.last.sighting = now;
@@ -223,6 +224,7 @@ impl Slam {
         self.floor = Some(found.map_or(Floor::Assumed { height_m }, |plane| plane.as_found()));
         let floor = found.unwrap_or(Plane::level(height_m));
         let pose = level::first_pose(&floor, self.settings.initial_heading_rad);
+        self.mark_moving(&mut now, &pose, aid);
         self.state = State::Tracking;
         self.last.motion = Motion::at_rest(frame.at, pose);
         self.last.covariance = Matrix6::identity() * 1e-12;
@@ -252,21 +254,39 @@ impl Slam {
             self.next_try += 1;
             known.find_again(&candidates, now, &mut self.rng)
         })?;
-        let fit = match self.settings.moving {
-            Moving::Ignore => fit,
-            Moving::Reject => self.reject_moving(now, fit)?,
-        };
+        let rate = self.last.motion.turn_rate(at, &fit.world_from_camera);
+        now.coarse.turned(&self.optics, rate);
+        let fit = self.reject_moving(now, fit, aid)?;
         (fit.agreeing >= tracking::FEWEST).then_some(fit)
     }
 
-    fn reject_moving(&mut self, now: &mut Sighting, fit: Fit) -> Option<Fit> {
+    /// Marks what moves in a frame taken from `pose`.
+    fn mark_moving(&mut self, now: &mut Sighting, pose: &Isometry3<f64>, aid: &Aid<'_>) {
+        let unknown = Sighting::default();
+        let followed = self.state == State::Tracking;
+        let scene = Scene {
+            optics: &self.optics,
+            map: &self.map,
+            last: if followed {
+                &self.last.sighting
+            } else {
+                &unknown
+            },
+            last_pose: &self.last.motion.pose,
+            pose,
+            objects: aid.objects.unwrap_or_default(),
+        };
+        match self.settings.moving {
+            Moving::Ignore => {}
+            Moving::Paper => dynamics::reject_objects(&scene, now, &mut self.rng),
+            Moving::Reject => self.moved = dynamics::reject_moving(&scene, now, &self.moved),
+        }
+    }
+
+    /// Marks what moves, and fits again without it.
+    fn reject_moving(&mut self, now: &mut Sighting, fit: Fit, aid: &Aid<'_>) -> Option<Fit> {
         let pose = fit.world_from_camera;
-        self.mask = dynamics::reject_moving(
-            &self.optics,
-            &self.map,
-            &mut now.coarse,
-            (&pose, &self.mask),
-        );
+        self.mark_moving(now, &pose, aid);
         let mut dropped = 0;
         for i in 0..now.features.len() {
             let moving = now.coarse.moving[self.optics.cell_at(now.features[i].raw)];
@@ -345,6 +365,9 @@ impl Slam {
             )),
             tracked: now.matched(),
         };
+        if self.settings.mapping == Mapping::LastKeyframe {
+            return self.restart_from(keyframe);
+        }
         let id = self.map.add_keyframe(keyframe);
         mapping::forget_seen_through(&self.optics, &mut self.map, id);
         self.window.push_back(id);
@@ -369,10 +392,28 @@ impl Slam {
         self.last.frames_since_keyframe = 0;
     }
 
+    /// The map becomes what this keyframe sees; all else is handed out and forgotten.
+    fn restart_from(&mut self, mut keyframe: Keyframe) {
+        while let Some(id) = self.window.pop_front() {
+            self.settle(id);
+            self.map.remove_keyframe(id);
+        }
+        keyframe.points.fill(None);
+        let id = self.map.add_keyframe(keyframe);
+        self.window.push_back(id);
+        mapping::add_points(&self.optics, &mut self.map, id);
+        if let Some(k) = self.map.keyframes.get_mut(&id) {
+            k.tracked = k.points.iter().flatten().count();
+            self.last.sighting.points.clone_from(&k.points);
+        }
+        self.last.frames_since_keyframe = 0;
+    }
+
     /// A keyframe's pose is final: its mask is judged once more by all that was seen since, and it is handed out.
     fn settle(&mut self, id: KeyframeId) {
+        let mut seen_through = Vec::new();
         if self.settings.moving == Moving::Reject {
-            dynamics::reconsider(&self.optics, &mut self.map, id);
+            seen_through = dynamics::reconsider(&self.optics, &mut self.map, id);
             mapping::forget_masked(&self.optics, &mut self.map, id);
         }
         if let Some(k) = self.map.keyframes.get_mut(&id)
@@ -381,7 +422,7 @@ impl Slam {
             self.settled.push(DenseKeyframe {
                 at: k.at,
                 world_from_camera: Isometry::claim(k.world_from_camera),
-                points: pending.points(&self.optics, &k.coarse),
+                points: pending.points(&self.optics, (&k.coarse, &seen_through)),
             });
         }
     }

@@ -1,5 +1,6 @@
 //! SLAM in rendered rooms, where the truth is known: claims about what comes out of the crate.
 
+mod objects;
 mod scene;
 
 use maps::camera::RgbdFrame;

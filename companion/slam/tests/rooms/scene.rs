@@ -59,7 +59,10 @@ pub(crate) fn render(
             let direction = pose.rotation * ray;
             let (depth, surface) = nearest_surface(&pose, &direction, blocks);
             let hit = pose.translation.vector + direction * depth;
-            rgb.push([texture(surface, &hit); 3]);
+            // Blocks take their patches along.
+            let block = (surface / 10).checked_sub(1).map(|i| &blocks[i as usize]);
+            let from = block.map_or(Vector3::zeros(), |b| Vector3::from(b.min));
+            rgb.push([texture(surface, &(hit - from)); 3]);
             depth_m.push(depth as f32);
         }
     }
