@@ -10,6 +10,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
     ("store", &["maps"]),
     ("mavlink_ext", &["maps"]),
     ("slam", &["maps"]),
+    ("perception", &["maps"]),
     ("sensors", &["maps"]),
     (
         "companion",
@@ -20,6 +21,7 @@ const MAY_USE: &[(&str, &[&str])] = &[
             "store",
             "mavlink_ext",
             "slam",
+            "perception",
             "sensors",
         ],
     ),

@@ -1,12 +1,19 @@
 //! Replays a recording in TUM layout and says how well and how fast the SLAM tracks it.
 //!
 //! ```text
-//! cargo run --release -p slam --example replay -- FOLDER bonn|tum-fr1 [--frames N] [--pictures DIR] [--ignore-moving]
+//! cargo run --release -p slam --example replay -- FOLDER bonn|tum-fr1 [--frames N] [--pictures DIR]
+//!     [--ignore-moving | --paper | --baseline] [--objects FILE]
 //! ```
+//!
+//! `--paper` and `--baseline` are methods to compare with: `Moving::Paper`, and `Moving::Ignore` with
+//! `Mapping::LastKeyframe`. The objects are those that a detector saw, one a line, as the example `detect` of
+//! `perception` writes them: `stamp left top right bottom score mobility class`, in seconds, pixels and 0 to 1, with a
+//! mobility of `static`, `movable`, `moving` or `unknown`. A line with a stamp alone says that the frame was looked at.
 //!
 //! Pictures: green points support the pose, red ones are rejected, red cells move; and every dense point from above.
 #![expect(clippy::print_stdout, reason = "a command-line program")]
 
+use std::collections::BTreeMap;
 use std::error::Error;
 use std::fs::{self, File};
 use std::io::{BufReader, BufWriter, Write as _};
@@ -18,7 +25,10 @@ use maps::camera::{Pinhole, RgbdFrame};
 use maps::time::Stamp;
 use maps::trajectory::evaluation::{self, Alignment, Delta, Tool};
 use maps::trajectory::{Trajectory, tum};
-use slam::{DenseKeyframe, DenseUpdate, Moving, Settings, Slam, Stage, State, Tracked};
+use slam::{
+    Aid, DenseKeyframe, DenseUpdate, Mapping, Mobility, Moving, Object, Settings, Slam, Stage,
+    State, Tracked,
+};
 
 type Result<T> = std::result::Result<T, Box<dyn Error>>;
 
@@ -27,7 +37,9 @@ struct Arguments {
     camera: Pinhole,
     frames: usize,
     pictures: Option<PathBuf>,
-    moving: Moving,
+    settings: Settings,
+    /// What a detector saw in the frames that it looked at.
+    objects: BTreeMap<Stamp, Vec<Object>>,
 }
 
 fn arguments() -> Result<Arguments> {
@@ -39,13 +51,22 @@ fn arguments() -> Result<Arguments> {
         camera,
         frames: usize::MAX,
         pictures: None,
-        moving: Moving::Reject,
+        settings: Settings::default(),
+        objects: BTreeMap::new(),
     };
     while let Some(arg) = args.next() {
         match arg.as_str() {
             "--frames" => parsed.frames = args.next().ok_or("how many frames?")?.parse()?,
             "--pictures" => parsed.pictures = Some(args.next().ok_or("pictures to where?")?.into()),
-            "--ignore-moving" => parsed.moving = Moving::Ignore,
+            "--ignore-moving" => parsed.settings.moving = Moving::Ignore,
+            "--paper" => parsed.settings.moving = Moving::Paper,
+            "--baseline" => {
+                parsed.settings.moving = Moving::Ignore;
+                parsed.settings.mapping = Mapping::LastKeyframe;
+            }
+            "--objects" => {
+                parsed.objects = read_objects(&args.next().ok_or("objects from where?")?)?;
+            }
             other => return Err(format!("unknown argument {other}").into()),
         }
     }
@@ -77,6 +98,35 @@ fn camera(name: &str) -> Result<Pinhole> {
     })
 }
 
+fn read_objects(file: &str) -> Result<BTreeMap<Stamp, Vec<Object>>> {
+    let mut objects: BTreeMap<Stamp, Vec<Object>> = BTreeMap::new();
+    for line in fs::read_to_string(file)?.lines() {
+        let wrong = || format!("{file}: not an object: {line}");
+        let mut fields = line.split_whitespace();
+        let stamp = fields.next().ok_or_else(wrong)?.parse()?;
+        let at = Stamp::from_secs_f64(stamp).ok_or_else(wrong)?;
+        let seen = objects.entry(at).or_default();
+        let rest: Vec<&str> = fields.collect();
+        let [left, top, right, bottom, score, mobility, ..] = rest[..] else {
+            if rest.is_empty() {
+                continue;
+            }
+            return Err(wrong().into());
+        };
+        seen.push(Object {
+            mobility: match mobility {
+                "moving" => Mobility::Dynamic,
+                "movable" => Mobility::Potential,
+                _ => Mobility::Static,
+            },
+            score: score.parse()?,
+            bounds_px: [left.parse()?, top.parse()?, right.parse()?, bottom.parse()?],
+            mask: None,
+        });
+    }
+    Ok(objects)
+}
+
 fn read_frame(folder: &Path, line: &str) -> Result<RgbdFrame> {
     let fields: Vec<&str> = line.split_whitespace().collect();
     let [stamp, rgb, _, depth] = fields[..] else {
@@ -104,11 +154,7 @@ fn read_frame(folder: &Path, line: &str) -> Result<RgbdFrame> {
 fn main() -> Result<()> {
     let arguments = arguments()?;
     let list = fs::read_to_string(arguments.folder.join("associations.txt"))?;
-    let settings = Settings {
-        moving: arguments.moving,
-        ..Settings::default()
-    };
-    let mut slam = Slam::new(arguments.camera, settings);
+    let mut slam = Slam::new(arguments.camera, arguments.settings.clone());
     let stages = Stages::default();
     stages.watch(&mut slam);
     let mut times: Vec<(Duration, bool)> = Vec::new();
@@ -116,8 +162,12 @@ fn main() -> Result<()> {
     let mut dense = Vec::new();
     for (i, line) in list.lines().take(arguments.frames).enumerate() {
         let frame = read_frame(&arguments.folder, line)?;
+        let aid = Aid {
+            objects: arguments.objects.get(&frame.at).map(Vec::as_slice),
+            ..Aid::default()
+        };
         stages.start();
-        let tracked = timed(&mut times, || slam.track(&frame))?;
+        let tracked = timed(&mut times, || slam.track_aided(&frame, &aid))?;
         take(&mut dense, slam.take_keyframes());
         if let Some(folder) = &arguments.pictures
             && i % 10 == 0

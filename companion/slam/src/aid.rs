@@ -27,7 +27,8 @@ pub enum Mobility {
     Dynamic,
 }
 
-/// An object that a detector sees in a frame.
+/// An object that a detector sees in a frame. One whose box is empty or not finite, or whose score is not a number, is
+/// taken for none.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Object {
     /// Whether it can move.
@@ -36,6 +37,71 @@ pub struct Object {
     pub score: f32,
     /// Left, top, right and bottom of its box in raw pixels.
     pub bounds_px: [f32; 4],
+    /// Which pixels of the image are its own, where the detector says so; without it, the depth in the box decides.
+    pub mask: Option<PixelMask>,
+}
+
+/// Which pixels belong to an object: one bit for each pixel of a rectangle of the image.
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct PixelMask {
+    left: usize,
+    top: usize,
+    width: usize,
+    height: usize,
+    bits: Vec<u64>,
+}
+
+/// The rectangle of a mask is not as large as what is said of its pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("a mask of {width} x {height} pixels cannot have {found}")]
+pub struct MaskError {
+    /// Width of the rectangle in pixels.
+    pub width: usize,
+    /// Height of the rectangle in pixels.
+    pub height: usize,
+    /// Pixels of which something is said.
+    pub found: usize,
+}
+
+impl PixelMask {
+    /// A mask over the rectangle whose upper left pixel is `[left, top]` and which has `[width, height]` pixels, given row
+    /// by row. It may reach out of the image.
+    pub fn new(
+        [left, top]: [usize; 2],
+        [width, height]: [usize; 2],
+        inside: &[bool],
+    ) -> Result<Self, MaskError> {
+        if width.checked_mul(height) != Some(inside.len()) {
+            return Err(MaskError {
+                width,
+                height,
+                found: inside.len(),
+            });
+        }
+        let mut bits = vec![0u64; inside.len().div_ceil(64)];
+        for at in (0..inside.len()).filter(|&at| inside[at]) {
+            bits[at / 64] |= 1 << (at % 64);
+        }
+        Ok(Self {
+            left,
+            top,
+            width,
+            height,
+            bits,
+        })
+    }
+
+    /// Whether a pixel of the image, column and row, is the object's; no pixel outside of the rectangle is.
+    pub fn contains(&self, [x, y]: [usize; 2]) -> bool {
+        let (Some(x), Some(y)) = (x.checked_sub(self.left), y.checked_sub(self.top)) else {
+            return false;
+        };
+        if x >= self.width || y >= self.height {
+            return false;
+        }
+        let at = y * self.width + x;
+        self.bits[at / 64] >> (at % 64) & 1 == 1
+    }
 }
 
 /// A position by a satellite receiver.
@@ -49,4 +115,35 @@ pub struct Fix {
     pub covariance: Matrix3<f64>,
     /// Where the antenna is, in the camera's axes, in metres.
     pub antenna_in_camera: Vector3<f64>,
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_mask_knows_its_pixels_and_no_others() {
+        // More than 64 pixels, of which the last one alone is inside.
+        let mut inside = vec![false; 9 * 8];
+        inside[71] = true;
+        let mask = PixelMask::new([100, 50], [9, 8], &inside).expect("as many as needed");
+        let all = (0..300).flat_map(|y| (0..300).map(move |x| [x, y]));
+        let within: Vec<_> = all.filter(|&pixel| mask.contains(pixel)).collect();
+        assert_eq!(within, [[108, 57]]);
+    }
+
+    #[test]
+    fn a_mask_needs_one_bit_for_each_pixel() {
+        for (width, height) in [(3, 3), (usize::MAX, 2), (0, 4)] {
+            let refused = PixelMask::new([0, 0], [width, height], &[true; 8]);
+            assert_eq!(
+                refused,
+                Err(MaskError {
+                    width,
+                    height,
+                    found: 8
+                })
+            );
+        }
+    }
 }

@@ -1,5 +1,7 @@
 //! The depth image on a coarse grid, with what is known to move in it.
 
+use std::borrow::Cow;
+
 use maps::camera::RgbdFrame;
 
 use crate::features::DepthRange;
@@ -15,7 +17,15 @@ pub(crate) struct Coarse {
     pub(crate) far_m: Vec<f32>,
     /// Whether the cell shows something that moves, margin included.
     pub(crate) moving: Vec<bool>,
+    /// By how many cells the depth may be displaced against the colour, because the camera turned meanwhile.
+    pub(crate) slip: usize,
 }
+
+/// The colour and the depth of a frame are each exposed row by row, and paired where they are not taken at once: what is
+/// in one may be that much older than what is beside it in the other. At 30 frames a second, one frame.
+const SPREAD_S: f64 = 1.0 / 30.0;
+/// More cannot be said of a frame than that it is of little use.
+const MOST_SLIP: usize = 8;
 
 /// How much nearer than a surface a measurement must be to lie in front of it: the noise of structured-light depth,
 /// which grows with the square of the distance, and the error of the pose.
@@ -39,16 +49,64 @@ impl Coarse {
         let (near_m, far_m) = extremes(&depth_m, optics.cells_across, optics.cells_down);
         Self {
             moving: vec![false; depth_m.len()],
+            slip: 0,
             depth_m,
             near_m,
             far_m,
         }
     }
 
+    /// Notes that the camera turned at so many radians a second when the frame was taken.
+    pub(crate) fn turned(&mut self, optics: &Optics, rate: f64) {
+        let pixels = rate * SPREAD_S * optics.camera.fx;
+        self.slip = ((pixels / optics.stride as f64).round() as usize).min(MOST_SLIP);
+    }
+
+    /// `near_m` over `reach` more cells on each side; unknown where it is.
+    pub(crate) fn near_within(&self, across: usize, reach: usize) -> Cow<'_, [f32]> {
+        if reach == 0 {
+            return Cow::Borrowed(&self.near_m);
+        }
+        let known = |&d: &f32| if d > 0.0 { d } else { f32::INFINITY };
+        let mut least: Vec<f32> = self.near_m.iter().map(known).collect();
+        for row in least.chunks_exact_mut(across) {
+            slide_minimum(row, 1, reach);
+        }
+        slide_minimum(&mut least, across, reach);
+        let unknown = self
+            .near_m
+            .iter()
+            .zip(&mut least)
+            .filter(|(d, _)| **d <= 0.0);
+        unknown.for_each(|(_, least)| *least = 0.0);
+        Cow::Owned(least)
+    }
+
     /// Whether a point at this depth in this cell is hidden by something nearer.
     pub(crate) fn hides(&self, cell: usize, depth_m: f32) -> bool {
         let far = self.far_m[cell];
         far > 0.0 && depth_m > far + clear_of(far)
+    }
+}
+
+/// Replaces each value by the least of those up to `reach` times `step` before and after it, in windows that double.
+fn slide_minimum(values: &mut [f32], step: usize, reach: usize) {
+    let mut widest = 0;
+    while widest < reach {
+        // Windows of `widest` become windows of `widest + more`: first to the right, below to the left.
+        let more = (widest + 1).min(reach - widest);
+        for i in more * step..values.len() {
+            values[i - more * step] = values[i - more * step].min(values[i]);
+        }
+        widest += more;
+    }
+    let mut widest = 0;
+    while widest < reach {
+        let more = (widest + 1).min(reach - widest);
+        for i in (more * step..values.len()).rev() {
+            values[i] = values[i].min(values[i - more * step]);
+        }
+        widest += more;
     }
 }
 
@@ -74,4 +132,48 @@ fn extremes(depth_m: &[f32], across: usize, down: usize) -> (Vec<f32>, Vec<f32>)
         }
     }
     (near, far)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        #[test]
+        fn a_sliding_minimum_is_the_least_of_its_window(
+            values in prop::collection::vec(0.0f32..9.0, 1..40),
+            reach in 0usize..9,
+        ) {
+            let mut slid = values.clone();
+            slide_minimum(&mut slid, 1, reach);
+            for (i, least) in slid.iter().enumerate() {
+                let window = &values[i.saturating_sub(reach)..values.len().min(i + reach + 1)];
+                let expected = window.iter().copied().fold(f32::INFINITY, f32::min);
+                prop_assert!((least - expected).abs() < 1e-9);
+            }
+        }
+    }
+
+    #[test]
+    fn near_surfaces_reach_as_far_as_the_image_may_be_displaced() {
+        let mut near_m = vec![3.0; 11 * 9];
+        near_m[4 * 11 + 5] = 1.0;
+        near_m[4 * 11 + 6] = 0.0;
+        let coarse = Coarse {
+            near_m,
+            ..Coarse::default()
+        };
+        let wide = coarse.near_within(11, 2);
+        for (cell, &near) in wide.iter().enumerate() {
+            let (column, row) = (cell % 11, cell / 11);
+            let expected = match (column.abs_diff(5), row.abs_diff(4)) {
+                _ if (column, row) == (6, 4) => 0.0,
+                (0..=2, 0..=2) => 1.0,
+                _ => 3.0,
+            };
+            assert!((near - expected).abs() < 1e-6, "{column} {row}: {near}");
+        }
+        assert_eq!(coarse.near_within(11, 0), coarse.near_m);
+    }
 }

@@ -111,8 +111,12 @@ impl Pending {
         }
     }
 
-    /// The static part.
-    pub(crate) fn surface(&self, optics: &Optics, coarse: &Coarse) -> Surface {
+    /// The static part: what does not move, and what nobody has looked through.
+    pub(crate) fn surface(
+        &self,
+        optics: &Optics,
+        (coarse, seen_through): (&Coarse, &[bool]),
+    ) -> Surface {
         let farthest = self.samples.iter().map(|s| s.2).fold(0.0, f32::max);
         let mut surface = Surface {
             stride: self.stride,
@@ -123,7 +127,8 @@ impl Pending {
             rgb: Vec::new(),
         };
         for &(x, y, depth_m, rgb) in &self.samples {
-            if coarse.moving[optics.cell_at([f32::from(x), f32::from(y)])] {
+            let cell = optics.cell_at([f32::from(x), f32::from(y)]);
+            if coarse.moving[cell] || seen_through.get(cell) == Some(&true) {
                 continue;
             }
             let (column, row) = (usize::from(x) - MARGIN, usize::from(y) - MARGIN);

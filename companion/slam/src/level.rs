@@ -244,6 +244,7 @@ mod tests {
             far_m: depth_m.clone(),
             moving: vec![false; depth_m.len()],
             depth_m,
+            slip: 0,
         }
     }
 
@@ -308,6 +309,7 @@ mod tests {
             far_m: depth_m.clone(),
             moving: vec![false; depth_m.len()],
             depth_m,
+            slip: 0,
         };
         let find = |heights_m| find_floor(&optics, &view, &heights_m, &mut Pcg64::seed_from_u64(1));
         let taken = find(0.15..=20.0).expect("it looks like a floor");

@@ -78,11 +78,11 @@ mod triangulate;
 mod worker;
 
 pub use ahead::{Ahead, Looked};
-pub use aid::{Aid, Fix, Mobility, Object};
+pub use aid::{Aid, Fix, MaskError, Mobility, Object, PixelMask};
 pub use dense::{DenseKeyframe, DenseUpdate};
 pub use front_end::{FrontEnd, Look};
 pub use level::Floor;
-pub use settings::{Moving, Settings};
+pub use settings::{Mapping, Moving, Settings};
 pub use slam::Slam;
 pub use stage::Stage;
 pub use tracked::{FrameError, Overlay, State, Tracked};

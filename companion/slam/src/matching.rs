@@ -71,7 +71,7 @@ impl Sighting {
     }
 
     /// The feature near an ideal pixel most similar to a description, on about the given pyramid level.
-    fn most_similar(&self, wanted: &Wanted) -> Option<(usize, u32)> {
+    pub(crate) fn most_similar(&self, wanted: &Wanted) -> Option<(usize, u32)> {
         let mut best = (usize::MAX, u32::MAX, 0u8);
         let mut second = (u32::MAX, 0u8);
         for (i, f) in self
@@ -96,12 +96,16 @@ impl Sighting {
     }
 }
 
-struct Wanted {
-    ideal: [f64; 2],
-    radius: f64,
-    octave: u8,
-    descriptor: Descriptor,
-    similar: u32,
+/// A feature that is sought.
+pub(crate) struct Wanted {
+    /// Where, and how far from there along each axis, in ideal pixels.
+    pub(crate) ideal: [f64; 2],
+    pub(crate) radius: f64,
+    /// On which pyramid level, or one beside it.
+    pub(crate) octave: u8,
+    pub(crate) descriptor: Descriptor,
+    /// In how many bits it may differ.
+    pub(crate) similar: u32,
 }
 
 /// Finds the points of the last frame again, within `radius` pixels of where `pose` puts them.

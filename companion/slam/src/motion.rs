@@ -47,6 +47,13 @@ impl Motion {
         Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z)
     }
 
+    /// How fast the camera has turned since the last pose, if it is now at `pose`: radians a second.
+    pub(crate) fn turn_rate(&self, at: Stamp, pose: &Isometry3<f64>) -> f64 {
+        let dt = at.since(self.at).as_secs_f64();
+        let turned = (self.pose.inverse() * pose).rotation.angle();
+        if dt > 1e-6 { turned / dt } else { 0.0 }
+    }
+
     /// Whether `pose` is too far from where the camera should be.
     pub(crate) fn jumps_to(&self, at: Stamp, pose: &Isometry3<f64>) -> bool {
         let off = self.predict(at).inverse() * pose;

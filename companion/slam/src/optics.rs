@@ -4,7 +4,6 @@
 //! solvers project with four multiplications. A *cell* stands for a square of raw pixels.
 
 use maps::camera::Pinhole;
-use maps::frame::{Camera, Point};
 use nalgebra::{Isometry3, Matrix3, Vector3};
 
 /// Nearest depth at which a projection is trusted, in metres.
@@ -22,6 +21,7 @@ pub(crate) struct Optics {
     rays: Vec<[f32; 2]>,
     /// Ideal pixels of the image's corners, rounded outwards: `[left, top, right, bottom]`.
     bounds: [f64; 4],
+    lens: Lens,
 }
 
 impl Optics {
@@ -35,6 +35,7 @@ impl Optics {
             cells_down,
             rays: Vec::with_capacity(cells_across * cells_down),
             bounds: [0.0; 4],
+            lens: Lens::new(&camera, [0.0; 4], [0; 2]),
         };
         for cell in 0..cells_across * cells_down {
             let [u, v] = optics.cell_center(cell);
@@ -42,6 +43,8 @@ impl Optics {
             optics.rays.push([x as f32, y as f32]);
         }
         optics.bounds = optics.ideal_bounds();
+        let used = [cells_across * stride, cells_down * stride];
+        optics.lens = Lens::new(&camera, optics.bounds, used);
         optics
     }
 
@@ -131,17 +134,60 @@ impl Optics {
     }
 
     /// The cell in which a point in the camera falls.
+    #[inline]
     pub(crate) fn cell_of(&self, p: &Vector3<f32>) -> Option<usize> {
+        let [u, v] = self.lens.raw_pixel(p)?;
+        let inside = u >= 0.0 && v >= 0.0 && u < self.lens.width && v < self.lens.height;
+        inside.then(|| self.cell_at([u, v]))
+    }
+}
+
+/// The camera in single precision: it is asked for every cell, by every witness, in every frame.
+#[derive(Clone, Copy, Debug)]
+struct Lens {
+    focal: [f32; 2],
+    center: [f32; 2],
+    distortion: [f32; 5],
+    bounds: [f32; 4],
+    /// Raw pixels that belong to cells.
+    width: f32,
+    height: f32,
+}
+
+impl Lens {
+    fn new(camera: &Pinhole, bounds: [f64; 4], [width, height]: [usize; 2]) -> Self {
+        Self {
+            focal: [camera.fx as f32, camera.fy as f32],
+            center: [camera.cx as f32, camera.cy as f32],
+            distortion: camera.distortion.map(|k| k as f32),
+            bounds: bounds.map(|v| v as f32),
+            width: width as f32,
+            height: height as f32,
+        }
+    }
+
+    /// The raw pixel of a point, counted from the corner of the first one.
+    #[inline]
+    fn raw_pixel(&self, p: &Vector3<f32>) -> Option<[f32; 2]> {
+        if p.z.is_nan() || p.z <= NEAREST_M as f32 {
+            return None;
+        }
+        let inverse = p.z.recip();
+        let (x, y) = (p.x * inverse, p.y * inverse);
+        let ([fx, fy], [cx, cy]) = (self.focal, self.center);
         // Far outside the image the distortion polynomial folds back into it: ask the ideal pixel first.
-        let p = p.map(f64::from);
-        self.see(&p)?;
-        let [u, v] = self.camera.project(Point::<Camera>::from_raw(p.into()))?;
-        let (u, v) = (u + 0.5, v + 0.5);
-        let inside = u >= 0.0
-            && v >= 0.0
-            && u < (self.cells_across * self.stride) as f64
-            && v < (self.cells_down * self.stride) as f64;
-        inside.then(|| self.cell_at([u as f32, v as f32]))
+        let [left, top, right, bottom] = self.bounds;
+        let (u, v) = (fx * x + cx, fy * y + cy);
+        if !(u >= left && u <= right && v >= top && v <= bottom) {
+            return None;
+        }
+        let [k1, k2, p1, p2, k3] = self.distortion;
+        let r2 = x * x + y * y;
+        let radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3));
+        Some([
+            fx * (x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x)) + cx + 0.5,
+            fy * (y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y) + cy + 0.5,
+        ])
     }
 }
 

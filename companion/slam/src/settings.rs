@@ -6,10 +6,24 @@ use std::time::Duration;
 /// What is done about people and vehicles in view.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Moving {
-    /// They are found and left out of tracking and of the dense points.
+    /// They are found by their depth, by their features and, where a detector runs, by what they are, and are left out of
+    /// tracking and of the dense points.
     Reject,
+    /// The plain scheme of Li et al., Drones 2026, 10(6), 470, section 3.2, to compare with: only what a detector sees in
+    /// the very frame is left out; without a detector, nothing.
+    Paper,
     /// Everything is taken for static: cheaper, and right where nothing moves.
     Ignore,
+}
+
+/// What is made of the frames that are kept.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Mapping {
+    /// A map of keyframes and points, adjusted together, in which old places are known again.
+    Full,
+    /// Only the last keyframe and its points, as it first saw them: frame-to-keyframe odometry, which drifts, as a plain
+    /// baseline to compare with.
+    LastKeyframe,
 }
 
 /// Settings; the defaults serve all cameras and recordings.
@@ -41,6 +55,8 @@ pub struct Settings {
     pub moving: Moving,
     /// Whether the map is adjusted in a thread of its own. The result is the same, bit for bit.
     pub threaded: bool,
+    /// What is made of the frames that are kept.
+    pub mapping: Mapping,
     /// Seed of the random samples of plane and pose searches.
     pub seed: u64,
 }
@@ -61,6 +77,7 @@ impl Default for Settings {
             sought_for: Duration::from_secs(4),
             moving: Moving::Reject,
             threaded: true,
+            mapping: Mapping::Full,
             seed: 1,
         }
     }

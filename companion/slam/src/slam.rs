@@ -19,7 +19,7 @@ use crate::aid::Aid;
 use crate::bundle::{Local, Solved};
 use crate::dense::{DenseKeyframe, Pending};
 use crate::drift::{self, Drift};
-use crate::dynamics::{self, Mask};
+use crate::dynamics::{self, Memory, Scene};
 use crate::front_end::{FrontEnd, Look};
 use crate::level::{self, Floor, Plane};
 use crate::map::{Keyframe, KeyframeId, Map, Standing};
@@ -28,7 +28,7 @@ use crate::matching::Sighting;
 use crate::motion::Motion;
 use crate::optics::Optics;
 use crate::revisit;
-use crate::settings::{Moving, Settings};
+use crate::settings::{Mapping, Moving, Settings};
 use crate::solver::Fit;
 use crate::stage::{Stage, Watch};
 use crate::tracked::{FrameError, Overlay, State, Tracked};
@@ -58,7 +58,8 @@ pub struct Slam {
     state: State,
     floor: Option<Floor>,
     last: Last,
-    mask: Mask,
+    /// What moved in the last frame.
+    moved: Memory,
     /// Keyframes whose poses still move, oldest first.
     window: VecDeque<KeyframeId>,
     log: Vec<Logged>,
@@ -115,7 +116,7 @@ impl Slam {
                 frames_since_keyframe: 0,
                 rejected: 0,
             },
-            mask: Mask::default(),
+            moved: Memory::default(),
             window: VecDeque::new(),
             log: Vec::new(),
             settled: Vec::new(),
@@ -164,10 +165,10 @@ impl Slam {
         }
         let mut now = Sighting::new(&self.optics, look.features, look.coarse);
         let keyframe = match self.state {
-            State::Searching => self.start(frame, now),
+            State::Searching => self.start(frame, now, aid),
             State::Tracking | State::Lost { .. } => match self.locate(frame.at, &mut now, aid) {
                 Some(fit) => self.follow(frame, now, &fit),
-                None => self.lose(frame, now),
+                None => self.lose(frame, now, aid),
             },
         };
         if let Some(fix) = &aid.position {
@@ -245,7 +246,7 @@ impl Slam {
         }
     }
 
-    fn start(&mut self, frame: &RgbdFrame, now: Sighting) -> bool {
+    fn start(&mut self, frame: &RgbdFrame, mut now: Sighting, aid: &Aid<'_>) -> bool {
         let deep = now.features.iter().filter(|f| f.depth_m.is_some()).count();
         if deep < FEWEST_TO_START {
             self.last.sighting = now;
@@ -257,6 +258,7 @@ impl Slam {
         self.floor = Some(found.map_or(Floor::Assumed { height_m }, |plane| plane.as_found()));
         let floor = found.unwrap_or(Plane::level(height_m));
         let pose = level::first_pose(&floor, self.settings.initial_heading_rad);
+        self.mark_moving(&mut now, &pose, aid);
         self.state = State::Tracking;
         self.last.motion = Motion::at_rest(frame.at, pose);
         self.last.covariance = Matrix6::identity() * 1e-12;
@@ -287,25 +289,40 @@ impl Slam {
             known.find_again(&candidates, now, &mut self.rng)
         })?;
         self.lap(Stage::Pose);
-        let fit = match self.settings.moving {
-            Moving::Ignore => fit,
-            Moving::Reject => {
-                let fit = self.reject_moving(now, fit)?;
-                self.lap(Stage::Moving);
-                fit
-            }
-        };
+        let rate = self.last.motion.turn_rate(at, &fit.world_from_camera);
+        now.coarse.turned(&self.optics, rate);
+        let fit = self.reject_moving(now, fit, aid)?;
+        self.lap(Stage::Moving);
         (fit.agreeing >= tracking::FEWEST).then_some(fit)
     }
 
-    fn reject_moving(&mut self, now: &mut Sighting, fit: Fit) -> Option<Fit> {
+    /// Marks what moves in a frame taken from `pose`.
+    fn mark_moving(&mut self, now: &mut Sighting, pose: &Isometry3<f64>, aid: &Aid<'_>) {
+        let unknown = Sighting::default();
+        let followed = self.state == State::Tracking;
+        let scene = Scene {
+            optics: &self.optics,
+            map: &self.map,
+            last: if followed {
+                &self.last.sighting
+            } else {
+                &unknown
+            },
+            last_pose: &self.last.motion.pose,
+            pose,
+            objects: aid.objects.unwrap_or_default(),
+        };
+        match self.settings.moving {
+            Moving::Ignore => {}
+            Moving::Paper => dynamics::reject_objects(&scene, now, &mut self.rng),
+            Moving::Reject => self.moved = dynamics::reject_moving(&scene, now, &self.moved),
+        }
+    }
+
+    /// Marks what moves, and fits again without it.
+    fn reject_moving(&mut self, now: &mut Sighting, fit: Fit, aid: &Aid<'_>) -> Option<Fit> {
         let pose = fit.world_from_camera;
-        self.mask = dynamics::reject_moving(
-            &self.optics,
-            &self.map,
-            &mut now.coarse,
-            (&pose, &self.mask),
-        );
+        self.mark_moving(now, &pose, aid);
         let mut dropped = 0;
         for i in 0..now.features.len() {
             let moving = now.coarse.moving[self.optics.cell_at(now.features[i].raw)];
@@ -384,6 +401,9 @@ impl Slam {
             tracked: now.matched(),
             drift: Drift::from_covariance(&self.last.covariance),
         };
+        if self.settings.mapping == Mapping::LastKeyframe {
+            return self.restart_from(keyframe);
+        }
         let id = self.map.add_keyframe(keyframe);
         if self.window.is_empty() {
             self.map.starts.push(id);
@@ -445,6 +465,23 @@ impl Slam {
             self.reset_counter = self.reset_counter.wrapping_add(1);
         }
         self.last.motion.correct(pose);
+    }
+
+    /// The map becomes what this keyframe sees; all else is handed out and forgotten.
+    fn restart_from(&mut self, mut keyframe: Keyframe) {
+        while let Some(id) = self.window.pop_front() {
+            self.settle(id);
+            self.map.remove_keyframe(id);
+        }
+        keyframe.points.fill(None);
+        let id = self.map.add_keyframe(keyframe);
+        self.window.push_back(id);
+        mapping::add_points(&self.optics, &mut self.map, id);
+        if let Some(k) = self.map.keyframes.get_mut(&id) {
+            k.tracked = k.points.iter().flatten().count();
+            self.last.sighting.points.clone_from(&k.points);
+        }
+        self.last.frames_since_keyframe = 0;
     }
 
     fn lap(&mut self, stage: Stage) {

@@ -4,11 +4,11 @@ use maps::camera::RgbdFrame;
 use nalgebra::Matrix6;
 
 use super::{FEWEST_TO_START, Slam, UNKNOWN};
+use crate::aid::Aid;
 use crate::map::{Map, Standing};
 use crate::mapping;
 use crate::matching::Sighting;
 use crate::motion::Motion;
-use crate::settings::Moving;
 use crate::solver::Fit;
 use crate::tracked::State;
 use crate::tracking::{self, Located};
@@ -20,20 +20,20 @@ const FEWEST_KEYFRAMES: usize = 5;
 
 impl Slam {
     /// A frame whose place is not found in the map in use.
-    pub(super) fn lose(&mut self, frame: &RgbdFrame, mut now: Sighting) -> bool {
+    pub(super) fn lose(&mut self, frame: &RgbdFrame, mut now: Sighting, aid: &Aid<'_>) -> bool {
         let since = match self.state {
             State::Lost { since } => since,
             State::Searching | State::Tracking => frame.at,
         };
         if since < frame.at
-            && let Some(fit) = self.find_elsewhere(&mut now)
+            && let Some(fit) = self.find_elsewhere(&mut now, aid)
         {
             return self.follow(frame, now, &fit);
         }
         now.forget_matches();
         let deep = now.features.iter().filter(|f| f.depth_m.is_some()).count();
         if frame.at.since(since) >= self.settings.sought_for && deep >= FEWEST_TO_START {
-            return self.begin_anew(frame, now);
+            return self.begin_anew(frame, now, aid);
         }
         self.state = State::Lost { since };
         self.last.sighting = now;
@@ -42,7 +42,7 @@ impl Slam {
     }
 
     /// Seeks the place in one of the stored maps, another one each time; that map is then in use.
-    fn find_elsewhere(&mut self, now: &mut Sighting) -> Option<Fit> {
+    fn find_elsewhere(&mut self, now: &mut Sighting, aid: &Aid<'_>) -> Option<Fit> {
         const COMPARED: usize = 2;
         let at = self.next_try.checked_rem(self.back.stored.len())?;
         let candidates = self.back.stored[at]
@@ -55,10 +55,7 @@ impl Slam {
             map: &self.map,
         };
         let fit = known.find_again(&candidates, now, &mut self.rng);
-        let fit = fit.and_then(|fit| match self.settings.moving {
-            Moving::Ignore => Some(fit),
-            Moving::Reject => self.reject_moving(now, fit),
-        });
+        let fit = fit.and_then(|fit| self.reject_moving(now, fit, aid));
         std::mem::swap(&mut self.map, &mut self.back.stored[at]);
         let fit = fit.filter(|fit| fit.agreeing >= tracking::FEWEST)?;
         let found = self.back.stored.remove(at);
@@ -67,9 +64,11 @@ impl Slam {
     }
 
     /// A new map, whose first frame is taken to be where the place was lost, for want of anything better.
-    fn begin_anew(&mut self, frame: &RgbdFrame, now: Sighting) -> bool {
+    fn begin_anew(&mut self, frame: &RgbdFrame, mut now: Sighting, aid: &Aid<'_>) -> bool {
         self.back.maps += 1;
         self.put_away(Map::adrift(self.back.maps));
+        let pose = self.last.motion.pose;
+        self.mark_moving(&mut now, &pose, aid);
         self.state = State::Tracking;
         self.reset_counter = self.reset_counter.wrapping_add(1);
         self.last.motion = Motion::at_rest(frame.at, self.last.motion.pose);

@@ -33,15 +33,18 @@ impl Slam {
 
     /// A keyframe leaves the window: its mask is judged once more by all that was seen since, and it is handed out.
     pub(super) fn settle(&mut self, id: KeyframeId) {
+        let mut seen_through = Vec::new();
         if self.settings.moving == Moving::Reject {
-            dynamics::reconsider(&self.optics, &mut self.map, id);
+            seen_through = dynamics::reconsider(&self.optics, &mut self.map, id);
             mapping::forget_masked(&self.optics, &mut self.map, id);
         }
         let joined = self.map.standing == Standing::Joined;
         if let Some(k) = self.map.keyframes.get_mut(&id)
             && let Some(pending) = k.pending.take()
         {
-            k.surface = Some(Arc::new(pending.surface(&self.optics, &k.coarse)));
+            k.surface = Some(Arc::new(
+                pending.surface(&self.optics, (&k.coarse, &seen_through)),
+            ));
             let dense = dense(k, &self.optics.camera);
             self.settled.extend(dense.filter(|_| joined));
         }

@@ -3,6 +3,7 @@
 mod disturbed;
 mod loops;
 mod lost;
+mod objects;
 mod positions;
 mod scene;
 

@@ -1,6 +1,6 @@
 //! The methods that are compared: each is a set of SLAM settings, and whether it is told what a detector sees.
 
-use slam::{Moving, Settings};
+use slam::{Mapping, Moving, Settings};
 
 /// One method.
 pub(super) struct Method {
@@ -8,41 +8,63 @@ pub(super) struct Method {
     pub(super) name: &'static str,
     /// What it does about people and vehicles in view.
     moving: Moving,
+    /// What it makes of the frames it keeps.
+    mapping: Mapping,
     /// Whether it is given the objects of a recording that has some; it does not run on others.
     pub(super) takes_objects: bool,
     /// The satellite receiver it is given; it does not run on recordings that have none.
     pub(super) receiver: Option<&'static str>,
 }
 
-/// Ours, by geometry alone, with a detector, and with satellites; and ours that takes everything for static.
+/// Ours, by geometry alone, with a detector, and with satellites; ours that takes everything for static; the paper's scheme; and frame-to-keyframe
+/// odometry.
 pub(super) const METHODS: &[Method] = &[
     Method {
         name: "tandem",
         moving: Moving::Reject,
+        mapping: Mapping::Full,
         takes_objects: false,
         receiver: None,
     },
     Method {
         name: "no-dynamics",
         moving: Moving::Ignore,
+        mapping: Mapping::Full,
         takes_objects: false,
         receiver: None,
     },
     Method {
         name: "tandem-objects",
         moving: Moving::Reject,
+        mapping: Mapping::Full,
         takes_objects: true,
+        receiver: None,
+    },
+    Method {
+        name: "paper",
+        moving: Moving::Paper,
+        mapping: Mapping::Full,
+        takes_objects: true,
+        receiver: None,
+    },
+    Method {
+        name: "baseline",
+        moving: Moving::Ignore,
+        mapping: Mapping::LastKeyframe,
+        takes_objects: false,
         receiver: None,
     },
     Method {
         name: "tandem-m8n",
         moving: Moving::Reject,
+        mapping: Mapping::Full,
         takes_objects: false,
         receiver: Some("m8n"),
     },
     Method {
         name: "tandem-rtk",
         moving: Moving::Reject,
+        mapping: Mapping::Full,
         takes_objects: false,
         receiver: Some("rtk"),
     },
@@ -65,6 +87,7 @@ impl Method {
     pub(super) fn settings(&self, max_depth_m: f64) -> Settings {
         Settings {
             moving: self.moving,
+            mapping: self.mapping,
             max_depth_m,
             ..Settings::default()
         }

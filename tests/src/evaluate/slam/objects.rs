@@ -66,6 +66,7 @@ fn object(line: &str) -> Option<(Stamp, Object)> {
         mobility: mobility(&class.join(" ")),
         score: score as f32,
         bounds_px: [left, top, right, bottom].map(|n| n as f32),
+        mask: None,
     };
     Some((Stamp::from_secs_f64(at)?, object))
 }

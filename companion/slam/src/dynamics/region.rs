@@ -1,0 +1,228 @@
+//! From evidence about single cells to regions that move.
+
+use nalgebra::{Isometry3, Point3};
+
+use super::memory::Trace;
+use super::witness::Votes;
+use crate::coarse::Coarse;
+use crate::optics::Optics;
+
+/// Frames for which a mask lives on without new evidence.
+const MEMORY: u8 = 45;
+/// Cells over which a mask grows into the unknown, from evidence or from the mask of the frame before.
+const GROWTH: u16 = 10;
+/// The least share of a component for which there is strong evidence.
+const STRONG_SHARE: f64 = 0.25;
+/// The least share of the image that is believed to move: smaller spots are noise.
+const SMALLEST_SHARE: f64 = 0.002;
+/// Below this height over the floor the mask does not grow into what no witness speaks of: feet touch the floor.
+pub(super) const FLOOR_M: f64 = 0.06;
+/// How far around what moves nothing is believed: colour and depth are a moment apart, in which a person in a hurry goes
+/// so far, and clothes and hair have no sharp depth.
+const MARGIN_M: f32 = 0.025;
+/// Wider near the floor, below the height of ankles: shoes are too low to stand out from it.
+const ANKLE_M: f64 = 0.2;
+const SHOE_M: f32 = 0.12;
+/// The margin in cells, at least and at most.
+const LEAST_MARGIN: usize = 2;
+const MOST_MARGIN: usize = 10;
+
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Label {
+    /// No depth.
+    Empty,
+    /// A keyframe saw the same surface.
+    Confirmed,
+    /// Nobody looked here.
+    Unknown,
+    /// Nobody looked here since it was masked, so many frames ago.
+    Remembered(u8),
+    /// Slightly in front of what was there.
+    Weak,
+    /// Clearly in front of what was there.
+    Strong,
+    /// Its features move.
+    Certain,
+    /// A detector says what it is, and what around it is not.
+    Named,
+}
+
+/// What free space and the mask of the frame before say of each cell.
+pub(super) fn label(coarse: &Coarse, votes: &[Votes], recalled: &[Trace]) -> Vec<Label> {
+    let of = |(cell, v): (usize, &Votes)| match v {
+        _ if coarse.depth_m[cell] <= 0.0 => Label::Empty,
+        v if v.strong > v.confirm => Label::Strong,
+        v if v.weak > 0 && v.weak >= v.confirm => Label::Weak,
+        v if v.confirm > 0 => Label::Confirmed,
+        _ => match recalled[cell].age {
+            Some(age) if age <= MEMORY => Label::Remembered(age),
+            Some(_) | None => Label::Unknown,
+        },
+    };
+    votes.iter().enumerate().map(of).collect()
+}
+
+/// Grows the mask from its seeds, component by component; keeps those with enough evidence. Returns the age by cell.
+pub(super) fn grow(
+    optics: &Optics,
+    coarse: &Coarse,
+    labels: &[Label],
+    pose: &Isometry3<f64>,
+) -> Vec<Option<u8>> {
+    let smallest = smallest(optics);
+    let mut age = vec![None; labels.len()];
+    let mut visited = vec![false; labels.len()];
+    for start in 0..labels.len() {
+        if visited[start]
+            || !matches!(
+                labels[start],
+                Label::Named | Label::Certain | Label::Strong | Label::Remembered(_)
+            )
+        {
+            continue;
+        }
+        let component = collect(optics, coarse, labels, (start, &mut visited), pose);
+        if let Some(since) = judge(optics, labels, &component, smallest) {
+            for cell in component {
+                age[cell] = Some(since);
+            }
+        }
+    }
+    age
+}
+
+/// The fewest cells that are believed to move.
+pub(super) fn smallest(optics: &Optics) -> usize {
+    (SMALLEST_SHARE * optics.cell_count() as f64).ceil() as usize
+}
+
+/// Frames since there was enough evidence for a component; none if there is not.
+fn judge(optics: &Optics, labels: &[Label], component: &[usize], smallest: usize) -> Option<u8> {
+    let count = |wanted: &dyn Fn(usize) -> bool| component.iter().filter(|&&c| wanted(c)).count();
+    let certain = count(&|c| matches!(labels[c], Label::Certain | Label::Named));
+    let strong = count(&|c| is_strong(labels, c));
+    let solid = count(&|c| is_solid(optics, labels, c));
+    let free_before = solid >= smallest && strong as f64 >= STRONG_SHARE * component.len() as f64;
+    if certain >= smallest || free_before {
+        return Some(0);
+    }
+    let ages = component.iter().filter_map(|&c| match labels[c] {
+        Label::Remembered(age) => Some(age),
+        _ => None,
+    });
+    ages.min().filter(|_| component.len() >= smallest)
+}
+
+fn is_strong(labels: &[Label], cell: usize) -> bool {
+    matches!(labels[cell], Label::Strong | Label::Certain | Label::Named)
+}
+
+/// Whether a cell and those around it are all strong evidence: the rims of static things, seen a little displaced, are
+/// thin.
+fn is_solid(optics: &Optics, labels: &[Label], cell: usize) -> bool {
+    let strong = |c: usize| is_strong(labels, c);
+    let full = |c: usize| strong(c) && neighbors(optics, c).all(strong);
+    full(cell) && neighbors(optics, cell).all(full)
+}
+
+/// The cells connected in depth to a seed, breadth first; only so far into the unknown.
+fn collect(
+    optics: &Optics,
+    coarse: &Coarse,
+    labels: &[Label],
+    (start, visited): (usize, &mut [bool]),
+    pose: &Isometry3<f64>,
+) -> Vec<usize> {
+    let mut component = vec![(start, 0u16)];
+    visited[start] = true;
+    let mut next = 0;
+    while let Some(&(cell, distance)) = component.get(next) {
+        next += 1;
+        for neighbor in neighbors(optics, cell) {
+            let further = match labels[neighbor] {
+                Label::Named
+                | Label::Certain
+                | Label::Strong
+                | Label::Weak
+                | Label::Remembered(_) => 0,
+                Label::Unknown if labels[cell] == Label::Named => continue,
+                Label::Unknown => distance + 1,
+                Label::Empty | Label::Confirmed => continue,
+            };
+            let (a, b) = (coarse.depth_m[cell], coarse.depth_m[neighbor]);
+            if visited[neighbor] || !connected(a, b) || further > GROWTH {
+                continue;
+            }
+            if further > 0 && height(optics, neighbor, b, pose) < FLOOR_M {
+                continue;
+            }
+            visited[neighbor] = true;
+            component.push((neighbor, further));
+        }
+    }
+    component.into_iter().map(|(cell, _)| cell).collect()
+}
+
+/// Whether depths of neighbouring cells can belong to one surface; so can two cells without depth.
+pub(super) fn connected(a: f32, b: f32) -> bool {
+    (a > 0.0) == (b > 0.0) && (a - b).abs() < 0.03 + 0.02 * a
+}
+
+/// Height over the floor.
+pub(super) fn height(optics: &Optics, cell: usize, depth_m: f32, pose: &Isometry3<f64>) -> f64 {
+    let p = optics.cell_point(cell, depth_m).map(f64::from);
+    (pose * Point3::from(p)).z
+}
+
+pub(super) fn neighbors(optics: &Optics, cell: usize) -> impl Iterator<Item = usize> + use<> {
+    let (across, count) = (optics.cells_across, optics.cell_count());
+    let column = cell % across;
+    [
+        (column > 0).then(|| cell - 1),
+        (column + 1 < across).then_some(cell + 1),
+        cell.checked_sub(across),
+        Some(cell + across).filter(|&below| below < count),
+    ]
+    .into_iter()
+    .flatten()
+}
+
+/// The mask with a margin of [`MARGIN_M`], as wide in cells as it looks from here, wider by as much as the images are
+/// likely displaced, and twice as wide where there is no depth.
+pub(super) fn with_margin(
+    optics: &Optics,
+    (pose, coarse): (&Isometry3<f64>, &Coarse),
+    masked: impl Iterator<Item = bool>,
+) -> Vec<bool> {
+    let cells_per_ray = optics.camera.fx as f32 / optics.stride as f32;
+    let reach_of = |cell: usize| {
+        let depth = coarse.depth_m[cell];
+        let cells = if depth > 0.0 {
+            let low = height(optics, cell, depth, pose) < ANKLE_M;
+            let margin = if low { SHOE_M } else { MARGIN_M };
+            (margin * cells_per_ray / depth).ceil() as usize
+        } else {
+            LEAST_MARGIN
+        };
+        (cells.max(LEAST_MARGIN) + coarse.slip / 2).min(MOST_MARGIN)
+    };
+    let mut moving: Vec<bool> = masked.collect();
+    // Cells by how much farther the margin may go from them, in halves of a cell; the farthest first.
+    let mut going: Vec<Vec<usize>> = vec![Vec::new(); 2 * MOST_MARGIN + 1];
+    let rim = |&cell: &usize| moving[cell] && neighbors(optics, cell).any(|n| !moving[n]);
+    for cell in (0..moving.len()).filter(rim) {
+        going[2 * reach_of(cell)].push(cell);
+    }
+    for left in (1..going.len()).rev() {
+        for cell in std::mem::take(&mut going[left]) {
+            for n in neighbors(optics, cell) {
+                let cost = if coarse.depth_m[n] > 0.0 { 2 } else { 1 };
+                if !moving[n] && cost <= left {
+                    moving[n] = true;
+                    going[left - cost].push(n);
+                }
+            }
+        }
+    }
+    moving
+}
