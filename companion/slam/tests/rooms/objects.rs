@@ -127,9 +127,9 @@ fn the_wall_in_the_box_of_a_person_is_kept() {
     run_with(&mut slam, (12, 1), |_| vec![TABLE, STANDING], person);
     let overlay = slam.overlay();
     let [left, top, right, bottom] = bounds(&STANDING, 11, 0.0);
-    let middle = (top.max(0.0) + bottom) / 2.0;
+    let middle = f32::midpoint(top.max(0.0), bottom);
     assert!(
-        moves(&overlay, [(left + right) / 2.0, middle]),
+        moves(&overlay, [f32::midpoint(left, right), middle]),
         "the person"
     );
     for x in [left - 20.0, right + 20.0] {
@@ -157,7 +157,7 @@ fn a_mask_says_better_than_the_depth_what_belongs_to_a_person() {
         "what the mask covers"
     );
     assert!(
-        !moves(&overlay, [(left + right) / 2.0, 110.0]),
+        !moves(&overlay, [f32::midpoint(left, right), 110.0]),
         "what it does not"
     );
 }
