@@ -195,7 +195,7 @@ mod tests {
         let pending = Pending::new(&frame, depths, 3);
         let masked = optics.cell_at([20.0, 20.0]);
         coarse.moving[masked] = true;
-        let surface = pending.surface(&optics, &coarse);
+        let surface = pending.surface(&optics, (&coarse, &[]));
         let unmasked = |s: &&(u16, u16, f32, [u8; 3])| {
             optics.cell_at([f32::from(s.0), f32::from(s.1)]) != masked
         };
