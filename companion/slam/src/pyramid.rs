@@ -33,23 +33,28 @@ impl Gray {
     }
 
     /// Five sixths of the size, bilinear. Six pixels become five, always with the same weights: rows are blended in a loop
-    /// that vectorises, columns in one without tables.
+    /// that vectorises, columns in one without tables. The last pixels stand for those beyond the rim.
     fn shrunk(&self) -> Self {
-        let (width, height) = (self.width / 6 * 5, self.height / 6 * 5);
-        let mut pixels = vec![0; width * height];
-        let mut blended = vec![0u16; self.width];
-        for (y, row) in pixels.chunks_exact_mut(width.max(1)).enumerate() {
+        let (width, height) = (self.width * 5 / 6, self.height * 5 / 6);
+        let mut pixels = Vec::with_capacity(width * height);
+        let sixes = self.width.div_ceil(6);
+        let mut blended = vec![0u16; 6 * sixes];
+        let mut wide = vec![0u8; 5 * sixes];
+        for y in 0..height {
             let (top, [w0, w1]) = (y / 5 * 6 + y % 5, TAPS[y % 5]);
-            let (above, below) = (self.row(top), self.row(top + 1));
+            let (above, below) = (self.row(top), self.row((top + 1).min(self.height - 1)));
             for ((out, &a), &b) in blended.iter_mut().zip(above).zip(below) {
                 *out = u16::from(a) * w0 + u16::from(b) * w1;
             }
-            for (five, six) in row.chunks_exact_mut(5).zip(blended.chunks_exact(6)) {
+            let rim = blended[self.width - 1];
+            blended[self.width..].fill(rim);
+            for (five, six) in wide.chunks_exact_mut(5).zip(blended.chunks_exact(6)) {
                 for (i, pixel) in five.iter_mut().enumerate() {
                     let [w0, w1] = TAPS[i].map(u32::from);
                     *pixel = ((u32::from(six[i]) * w0 + u32::from(six[i + 1]) * w1) >> 16) as u8;
                 }
             }
+            pixels.extend_from_slice(&wide[..width]);
         }
         Self {
             width,

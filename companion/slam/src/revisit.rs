@@ -15,6 +15,7 @@ use crate::map::{KeyframeId, Map, PointId};
 use crate::matching::{expected_points, match_descriptions};
 use crate::optics::Optics;
 use crate::relocalise::consensus_of;
+use crate::solver::{Seen, Sight, fit_pose};
 
 /// Old points that must be expected, and the share of them that is found where all is well.
 const FEWEST_EXPECTED: usize = 60;
@@ -102,9 +103,20 @@ fn same_place(
 ) -> Option<(Isometry3<f64>, Vec<Pair>)> {
     let features = &map.keyframes.get(&newest)?.features;
     let matches = match_descriptions(features, map, &map.keyframes.get(&old)?.points);
-    let (pose, agreeing) = consensus_of((optics, map), features, matches, rng)?;
+    let (rough, agreeing) = consensus_of((optics, map), features, matches, rng)?;
     let pairs: Vec<Pair> = agreeing.into_iter().map(|(f, id, _)| (f, id)).collect();
-    (pairs.len() >= FEWEST_PAIRS).then_some((pose, pairs))
+    // Three-dimensional positions are as rough as depth is; pixels are not.
+    let sight = |&(feature, id): &Pair| {
+        Some(Sight {
+            point: map.point(id)?.position,
+            seen: Seen::from(&features[feature]),
+        })
+    };
+    let sights: Vec<Sight> = pairs.iter().map(sight).collect::<Option<_>>()?;
+    let fit = fit_pose(optics, &rough, &sights)?;
+    let agreeing = pairs.into_iter().zip(fit.agrees).filter(|(_, a)| *a);
+    let pairs: Vec<Pair> = agreeing.map(|(pair, _)| pair).collect();
+    (pairs.len() >= FEWEST_PAIRS).then_some((fit.world_from_camera, pairs))
 }
 
 /// Moves the window's keyframes, the later the farther, and the points first seen by them.

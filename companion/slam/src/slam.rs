@@ -40,8 +40,9 @@ use positions::Positions;
 
 /// The least number of features with depth that starts a map.
 const FEWEST_TO_START: usize = 80;
-/// So many frames after a keyframe its adjustment is due: sooner than the next keyframe can come.
-const ADJUSTED_AFTER: usize = 3;
+/// So many frames after a keyframe its adjustment is due: with the next one, as what is tracked against an unadjusted
+/// keyframe is told wrong.
+const ADJUSTED_AFTER: usize = 1;
 /// Covariance of a pose that is not known.
 const UNKNOWN: f64 = 1e6;
 

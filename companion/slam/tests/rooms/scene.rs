@@ -106,11 +106,11 @@ pub(crate) fn render_scene(
             let direction = pose.rotation * ray;
             let (depth, surface) = nearest_surface(&pose, &direction, scene);
             let mut hit = pose.translation.vector + direction * depth;
+            hit.x = hit.x.rem_euclid(scene.period_m);
             // Blocks take their patches along.
             let block = (surface / 10).checked_sub(1);
             let block = block.and_then(|i| scene.blocks.get(i as usize));
             hit -= block.map_or(Vector3::zeros(), |b| Vector3::from(b.min));
-            hit.x = hit.x.rem_euclid(scene.period_m);
             rgb.push([texture(surface, &hit); 3]);
             depth_m.push(depth as f32);
         }
