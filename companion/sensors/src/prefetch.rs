@@ -14,6 +14,9 @@ use crate::beside::Beside;
 use crate::live::Live;
 use crate::{RgbdSource, SourceError, TruthPose};
 
+/// A frame with what was measured beside it and what was made of it.
+type Decoded<T> = Result<(RgbdFrame, Beside, T), SourceError>;
+
 /// A source whose frames are decoded ahead, with what else is made of each there.
 pub struct Prefetch<T = ()> {
     name: String,
@@ -21,7 +24,7 @@ pub struct Prefetch<T = ()> {
     frame_count: Option<usize>,
     truth: Vec<TruthPose>,
     /// `None` once it has ended.
-    frames: Option<Receiver<Result<(RgbdFrame, Beside, T), SourceError>>>,
+    frames: Option<Receiver<Decoded<T>>>,
     /// Beside the frame that was given last.
     beside: Beside,
     live: Option<Live>,

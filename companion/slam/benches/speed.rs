@@ -13,7 +13,7 @@
 
 use std::error::Error;
 use std::path::PathBuf;
-use std::sync::{Arc, Mutex};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Instant;
 
 use maps::camera::{Pinhole, RgbdFrame};
@@ -112,11 +112,11 @@ fn by_stage(camera: Pinhole, frames: &[RgbdFrame]) -> Result<[Vec<f64>; Stage::A
         }
     });
     for frame in frames {
-        state.lock().map_err(|_| "a lap panicked")?.0 = cpu_ms(ClockId::ThreadCPUTime);
+        state.lock().unwrap_or_else(PoisonError::into_inner).0 = cpu_ms(ClockId::ThreadCPUTime);
         slam.track(frame)?;
         slam.take_keyframes();
     }
-    let laps = state.lock().map_err(|_| "a lap panicked")?;
+    let laps = state.lock().unwrap_or_else(PoisonError::into_inner);
     Ok(laps.1.clone())
 }
 

@@ -23,7 +23,7 @@ pub(crate) struct Thread<T> {
     jobs: Option<SyncSender<Job<T>>>,
     results: Receiver<T>,
     busy: bool,
-    thread: Option<JoinHandle<()>>,
+    handle: Option<JoinHandle<()>>,
 }
 
 impl<T: Send + 'static> Worker<T> {
@@ -31,7 +31,7 @@ impl<T: Send + 'static> Worker<T> {
     pub(crate) fn thread(name: &str) -> io::Result<Self> {
         let (jobs, next) = sync_channel::<Job<T>>(1);
         let (send, results) = sync_channel(1);
-        let thread = Builder::new().name(name.into()).spawn(move || {
+        let handle = Builder::new().name(name.into()).spawn(move || {
             for job in next {
                 if send.send(job()).is_err() {
                     return;
@@ -42,7 +42,7 @@ impl<T: Send + 'static> Worker<T> {
             jobs: Some(jobs),
             results,
             busy: false,
-            thread: Some(thread),
+            handle: Some(handle),
         }))
     }
 
@@ -72,9 +72,9 @@ impl<T: Send + 'static> Worker<T> {
 impl<T> Drop for Thread<T> {
     fn drop(&mut self) {
         self.jobs = None;
-        if let Some(thread) = self.thread.take() {
+        if let Some(handle) = self.handle.take() {
             // A panic there has been printed by the thread itself.
-            let _outcome = thread.join();
+            let _outcome = handle.join();
         }
     }
 }

@@ -139,7 +139,7 @@ impl Found {
                 figures.set(&[&row.case, &row.method, metric], *value)?;
             }
         }
-        let notes: String = self.notes.iter().map(|note| format!("{note}\n")).collect();
+        let notes = self.notes.join("\n");
         Ok(Outcome {
             figures,
             text: format!("{}\n{notes}", judge::table(&self.rows)),

@@ -167,7 +167,7 @@ pub fn run(file: &Path) -> anyhow::Result<()> {
         ..folder::Settings::default()
     };
     let mut source = TumFolder::open(&job.recording, job.camera.into(), settings)?;
-    let mut work = Work::new(&job, &method)?;
+    let mut work = Work::new(&job, method)?;
     while let Some(frame) = work.meter.outside(|| source.next_frame())? {
         work.frame(&frame)?;
     }
@@ -231,7 +231,7 @@ impl Work {
             ..Aid::default()
         };
         let slam = &mut self.slam;
-        let (took, (tracked, settled)) = self.meter.inside(|| {
+        let (took, (tracked, settled)) = Meter::inside(|| {
             let tracked = slam.track_aided(frame, &aid);
             (tracked, slam.take_keyframes())
         });
@@ -257,7 +257,7 @@ impl Work {
 
     fn end(mut self, job: &Job) -> anyhow::Result<()> {
         let slam = &mut self.slam;
-        let (_, settled) = self.meter.inside(|| slam.finish());
+        let (_, settled) = Meter::inside(|| slam.finish());
         let (cpu, peak_mb) = (self.meter.cpu(), peak_mb());
         // Nothing below is measured.
         let trajectory = Trajectory::new(self.slam.trajectory())?;

@@ -143,7 +143,7 @@ impl Suite<'_> {
             Kind::Simulated(shown) => {
                 let say = &mut *self.say;
                 let truth = film::film(shown, film.path(), &mut |text| {
-                    say(&format!("{}: {text}", case.name))
+                    say(&format!("{}: {text}", case.name));
                 })?;
                 if shown.name()? != Name::Room {
                     job.max_depth_m = OUTDOORS_M;
