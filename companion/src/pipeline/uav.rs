@@ -1,7 +1,7 @@
 //! From camera frames to a map, without threads and clocks.
 //!
 //! Every frame is tracked. A keyframe goes into the map when its pose has settled; where a closed loop corrects the poses
-//! all the same, the map is made anew ([`remaking`]). Changed tiles are handed out once in a period of the *recording's*
+//! all the same, the map is made anew (`remaking`). Changed tiles are handed out once in a period of the *recording's*
 //! time, all with one version. The same recording thus gives the same map and the same tiles, however fast it is played.
 
 mod remaking;
