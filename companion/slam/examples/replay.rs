@@ -16,7 +16,7 @@
 use std::collections::BTreeMap;
 use std::error::Error;
 use std::fs::{self, File};
-use std::io::{BufReader, BufWriter, Write as _};
+use std::io::{BufWriter, Write as _};
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
@@ -30,7 +30,10 @@ use slam::{
     State, Tracked,
 };
 
-type Result<T> = std::result::Result<T, Box<dyn Error>>;
+#[path = "../benches/tum/mod.rs"]
+mod recording;
+
+type Result<T> = std::result::Result<T, Box<dyn Error + Send + Sync>>;
 
 struct Arguments {
     folder: PathBuf,
@@ -75,11 +78,7 @@ fn arguments() -> Result<Arguments> {
 
 fn camera(name: &str) -> Result<Pinhole> {
     let (f, c, distortion) = match name {
-        "bonn" => (
-            [542.822_841, 542.576_870],
-            [315.593_520, 237.756_098],
-            [0.039_903, -0.099_343, -0.000_730, -0.000_144, 0.0],
-        ),
+        "bonn" => return Ok(recording::BONN),
         "tum-fr1" => (
             [517.306_408, 516.469_215],
             [318.643_040, 255.313_989],
@@ -127,41 +126,17 @@ fn read_objects(file: &str) -> Result<BTreeMap<Stamp, Vec<Object>>> {
     Ok(objects)
 }
 
-fn read_frame(folder: &Path, line: &str) -> Result<RgbdFrame> {
-    let fields: Vec<&str> = line.split_whitespace().collect();
-    let [stamp, rgb, _, depth] = fields[..] else {
-        return Err(format!("not an association: {line}").into());
-    };
-    let bytes = fs::read(folder.join(rgb))?;
-    let mut decoder = zune_jpeg::JpegDecoder::new(std::io::Cursor::new(bytes));
-    let pixels = decoder.decode().map_err(|e| format!("{rgb}: {e}"))?;
-    let (width, height) = decoder.dimensions().ok_or("no size")?;
-    let mut png = png::Decoder::new(BufReader::new(File::open(folder.join(depth))?)).read_info()?;
-    let mut raw = vec![0; png.output_buffer_size().ok_or("too large")?];
-    png.next_frame(&mut raw)?;
-    Ok(RgbdFrame {
-        at: Stamp::from_secs_f64(stamp.parse()?).ok_or("bad stamp")?,
-        width,
-        height,
-        rgb: pixels.chunks_exact(3).map(|p| [p[0], p[1], p[2]]).collect(),
-        depth_m: raw
-            .chunks_exact(2)
-            .map(|b| f32::from(u16::from_be_bytes([b[0], b[1]])) / 5000.0)
-            .collect(),
-    })
-}
-
 fn main() -> Result<()> {
     let arguments = arguments()?;
-    let list = fs::read_to_string(arguments.folder.join("associations.txt"))?;
     let mut slam = Slam::new(arguments.camera, arguments.settings.clone());
     let stages = Stages::default();
     stages.watch(&mut slam);
     let mut times: Vec<(Duration, bool)> = Vec::new();
     let mut outcomes: Vec<Tracked> = Vec::new();
     let mut dense = Vec::new();
-    for (i, line) in list.lines().take(arguments.frames).enumerate() {
-        let frame = read_frame(&arguments.folder, line)?;
+    let frames = recording::frames(&arguments.folder)?.take(arguments.frames);
+    for (i, frame) in frames.enumerate() {
+        let frame = frame?;
         let aid = Aid {
             objects: arguments.objects.get(&frame.at).map(Vec::as_slice),
             ..Aid::default()

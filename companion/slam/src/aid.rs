@@ -12,7 +12,7 @@ pub struct Aid<'a> {
     pub turned: Option<UnitQuaternion<f64>>,
     /// What a detector sees in this frame; `None` where no detector has looked, an empty list where it has found nothing.
     pub objects: Option<&'a [Object]>,
-    /// Where the camera was, by a satellite receiver.
+    /// Where the vehicle was, by a satellite receiver.
     pub position: Option<Fix>,
 }
 

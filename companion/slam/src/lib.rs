@@ -11,8 +11,8 @@
 //! ```
 //!
 //! The map is a set of keyframes and the points they see. Keyframes leave a sliding window of bundle adjustment and come
-//! out as [`DenseKeyframe`]s for the voxel map, without what moved. Later their poses change only where a loop is closed;
-//! [`DenseUpdate::anew`] then says that the voxel map must be made anew.
+//! out as [`DenseKeyframe`]s for the voxel map, without what moved. Later their poses change only where a loop is closed, a
+//! map joined, or satellites contradict the way; [`DenseUpdate::anew`] then says that the voxel map must be made anew.
 //!
 //! Where the place is lost for longer than [`Settings::sought_for`], a new map begins. Until a known place joins it to the
 //! old one, the covariance of its poses says that they are a guess, and its keyframes and path are held back.

@@ -71,8 +71,15 @@ fn object(line: &str) -> Option<(Stamp, Object)> {
     Some((Stamp::from_secs_f64(at)?, object))
 }
 
-/// Who moves by themselves, what may, and all the rest.
+/// Who moves by themselves, what may, and all the rest. Detectors of ours say so in a word before the class.
 fn mobility(class: &str) -> Mobility {
+    let said = class.split(' ').next().unwrap_or_default();
+    match said {
+        "moving" => return Mobility::Dynamic,
+        "movable" => return Mobility::Potential,
+        "static" => return Mobility::Static,
+        _ => {}
+    }
     match class {
         "person" | "pedestrian" | "cyclist" | "rider" | "robot" | "bird" | "cat" | "dog"
         | "horse" | "sheep" | "cow" => Mobility::Dynamic,
@@ -94,7 +101,7 @@ mod tests {
 
     #[test]
     fn a_frame_has_the_objects_of_its_stamp_and_others_have_none() {
-        let text = "# seen\n1.000033 10 20 30 40 0.9 person\n1.5 0 0 5 5 1 traffic light # red\n1.5 1 1 2 2 0.5 car\n";
+        let text = "# seen\n1.000033 10 20 30 40 0.9 person\n1.5 0 0 5 5 1 traffic light # red\n1.5 1 1 2 2 0.5 car\n1.5 1 1 2 2 0.5 moving person\n";
         let objects = read(text).expect("sound");
         let at = |nanos| objects.at(Stamp::from_nanos(nanos));
         assert_eq!(at(1_000_400_000).len(), 1, "to the millisecond");
@@ -102,7 +109,10 @@ mod tests {
         let bounds = at(1_000_033_000)[0].bounds_px.map(|c| c as i32);
         assert_eq!(bounds, [10, 20, 30, 40]);
         let kinds: Vec<_> = at(1_500_000_000).iter().map(|o| o.mobility).collect();
-        assert_eq!(kinds, [Mobility::Static, Mobility::Potential]);
+        assert_eq!(
+            kinds,
+            [Mobility::Static, Mobility::Potential, Mobility::Dynamic]
+        );
         assert!(at(2_000_000_000).is_empty());
     }
 
