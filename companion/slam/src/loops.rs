@@ -43,23 +43,40 @@ const FEWEST_IN_PART: usize = 3;
 const CONTRADICTING: f64 = 0.12;
 const FEWEST_COMMON_CELLS: usize = 300;
 
-/// A keyframe to be compared.
-struct View {
+/// A keyframe to be compared, cut out of its map with the points around it.
+pub(crate) struct Place {
     id: KeyframeId,
     world_from_camera: Isometry3<f64>,
     sighting: Sighting,
+    around: Excerpt,
+    /// Which of the points around it sees.
+    seen: Vec<Option<PointId>>,
 }
 
-/// A new keyframe and an old one that looks alike, cut out of their maps with the points around them.
-pub(crate) struct Comparison {
-    now: View,
-    then: View,
-    /// Points around the new keyframe.
-    here: Excerpt,
-    /// Points around the old one, and which of them it sees.
-    there: Excerpt,
-    seen_then: Vec<Option<PointId>>,
-    seed: u64,
+impl Place {
+    /// `None` if the map has no such keyframe.
+    pub(crate) fn new(optics: &Optics, map: &Map, id: KeyframeId) -> Option<Self> {
+        let k = map.keyframes.get(&id)?;
+        let around = Excerpt::new(map, &map.around(id, AROUND));
+        let find = |id: &Option<PointId>| id.and_then(|id| around.find(id));
+        Some(Self {
+            id,
+            world_from_camera: k.world_from_camera,
+            sighting: Sighting::new(optics, k.features.clone(), k.coarse.clone()),
+            seen: k.points.iter().map(find).collect(),
+            around,
+        })
+    }
+}
+
+/// A new keyframe and an old one that looks alike.
+pub(crate) struct Comparison<'a> {
+    optics: &'a Optics,
+    now: &'a Place,
+    then: &'a Place,
+    /// What each of them shows of the points around the other one.
+    now_shows: Sighting,
+    then_shows: Sighting,
 }
 
 /// The place is the same.
@@ -78,51 +95,33 @@ pub(crate) struct Sameness {
     pub(crate) pairs: Vec<(usize, PointId)>,
 }
 
-impl Comparison {
-    /// Compares keyframe `now` of a map with `then` of a map, which may be the same.
-    pub(crate) fn new(
-        optics: &Optics,
-        (map, now): (&Map, KeyframeId),
-        (old, then): (&Map, KeyframeId),
-    ) -> Option<Self> {
-        let view = |map: &Map, id: KeyframeId| {
-            let k = map.keyframes.get(&id)?;
-            Some(View {
-                id,
-                world_from_camera: k.world_from_camera,
-                sighting: Sighting::new(optics, k.features.clone(), k.coarse.clone()),
-            })
-        };
-        let there = Excerpt::new(old, &old.around(then, AROUND));
-        let seen = &old.keyframes.get(&then)?.points;
-        Some(Self {
-            seen_then: seen
-                .iter()
-                .map(|id| id.and_then(|id| there.find(id)))
-                .collect(),
-            now: view(map, now)?,
-            then: view(old, then)?,
-            here: Excerpt::new(map, &map.around(now, AROUND)),
-            there,
-            seed: u64::from(now.0) << 32 | u64::from(then.0),
-        })
+impl<'a> Comparison<'a> {
+    /// Compares a keyframe with an older one, be it of the same map or of another one.
+    pub(crate) fn new(optics: &'a Optics, now: &'a Place, then: &'a Place) -> Self {
+        Self {
+            optics,
+            now,
+            then,
+            now_shows: now.sighting.clone(),
+            then_shows: then.sighting.clone(),
+        }
     }
 
     /// Whether the two show the same place beyond doubt.
-    pub(crate) fn verify(mut self, optics: &Optics) -> Option<Sameness> {
-        let fit = self.fit(optics)?;
+    pub(crate) fn verify(mut self) -> Option<Sameness> {
+        let fit = self.fit()?;
         let pose = fit.world_from_camera;
-        let now = &self.now.sighting;
-        let expected = expected_points(optics, &self.there.map, &now.coarse, &pose).len();
+        let (there, now) = (&self.then.around, &self.now_shows);
+        let expected = expected_points(self.optics, &there.map, &now.coarse, &pose).len();
         let enough =
             fit.agreeing >= FEWEST_AGREEING && fit.agreeing as f64 >= FOUND_SHARE * expected as f64;
-        if !enough || !is_spread(optics, now) {
+        if !enough || !is_spread(self.optics, now) {
             return None;
         }
-        if !self.is_found_back(optics, &pose) || !self.depths_agree(optics, &pose) {
+        if !self.is_found_back(&pose) || !self.depths_agree(&pose) {
             return None;
         }
-        let shown = (0..).zip(&self.now.sighting.points);
+        let shown = (0..).zip(&self.now_shows.points);
         Some(Sameness {
             now: self.now.id,
             then: self.then.id,
@@ -131,17 +130,18 @@ impl Comparison {
             then_from_now: self.then.world_from_camera.inverse() * pose,
             covariance: fit.covariance,
             pairs: shown
-                .filter_map(|(i, id)| Some((i, self.there.name((*id)?)?)))
+                .filter_map(|(i, id)| Some((i, there.name((*id)?)?)))
                 .collect(),
         })
     }
 
     /// The new keyframe's pose in the old map, by description alone, then by all points around there.
-    fn fit(&mut self, optics: &Optics) -> Option<Fit> {
-        let map = &self.there.map;
-        let now = &mut self.now.sighting;
-        let mut rng = Pcg64::seed_from_u64(self.seed);
-        let matches = match_descriptions(&now.features, map, &self.seen_then);
+    fn fit(&mut self) -> Option<Fit> {
+        let (optics, map) = (self.optics, &self.then.around.map);
+        let now = &mut self.now_shows;
+        let seed = u64::from(self.now.id.0) << 32 | u64::from(self.then.id.0);
+        let mut rng = Pcg64::seed_from_u64(seed);
+        let matches = match_descriptions(&now.features, map, &self.then.seen);
         let all = matches.len();
         let (pose, agreeing) = consensus_of((optics, map), &now.features, matches, &mut rng)?;
         if agreeing.len() < FEWEST_PAIRS || (agreeing.len() as f64) < PAIRS_SHARE * all as f64 {
@@ -160,10 +160,11 @@ impl Comparison {
     }
 
     /// Whether the old keyframe, seen from the new one's map, shows that map's points.
-    fn is_found_back(&mut self, optics: &Optics, pose: &Isometry3<f64>) -> bool {
+    fn is_found_back(&mut self, pose: &Isometry3<f64>) -> bool {
+        let optics = self.optics;
         let then_in_new_map =
             self.now.world_from_camera * pose.inverse() * self.then.world_from_camera;
-        let (map, then) = (&self.here.map, &mut self.then.sighting);
+        let (map, then) = (&self.now.around.map, &mut self.then_shows);
         match_map(optics, map, then, (&then_in_new_map, 6.0));
         let known = Located { optics, map };
         let Some(fit) = known.fit_matches(then, &then_in_new_map) else {
@@ -179,7 +180,8 @@ impl Comparison {
     }
 
     /// Whether neither of the two looks through what the other one saw.
-    fn depths_agree(&self, optics: &Optics, pose: &Isometry3<f64>) -> bool {
+    fn depths_agree(&self, pose: &Isometry3<f64>) -> bool {
+        let optics = self.optics;
         let then_from_now = self.then.world_from_camera.inverse() * pose;
         let (now, then) = (&self.now.sighting, &self.then.sighting);
         let forth = contradictions(optics, (now, then), &Fast::new(&then_from_now));
@@ -275,6 +277,13 @@ impl Streak {
         (self.map, self.missed) = (map, 0);
         self.found.push(found);
         (self.found.len() >= Self::ENOUGH).then(|| std::mem::take(&mut self.found))
+    }
+
+    /// Says of each what is known now of the poses of its keyframes; where one is gone, all that was found is forgotten.
+    pub(crate) fn update(&mut self, mut now: impl FnMut(u32, Sameness) -> Option<Sameness>) {
+        let found = std::mem::take(&mut self.found).into_iter();
+        let updated: Option<Vec<Sameness>> = found.map(|found| now(self.map, found)).collect();
+        self.found = updated.unwrap_or_default();
     }
 
     /// What was found before no longer holds: keyframes have moved or changed their names.

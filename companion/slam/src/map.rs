@@ -34,7 +34,7 @@ pub(crate) struct PointId {
 }
 
 /// A point of the static world.
-#[derive(Clone, Debug)]
+#[derive(Debug)]
 pub(crate) struct MapPoint {
     /// In the world.
     pub(crate) position: Vector3<f64>,
@@ -56,6 +56,22 @@ pub(crate) struct MapPoint {
 }
 
 impl MapPoint {
+    /// The same, as if nobody had seen it.
+    fn without_views(&self) -> Self {
+        Self {
+            position: self.position,
+            descriptor: self.descriptor,
+            direction: self.direction,
+            reach_m: self.reach_m,
+            views: Vec::new(),
+            expected: self.expected,
+            found: self.found,
+            seen_through: self.seen_through,
+            born: self.born,
+            drift: self.drift,
+        }
+    }
+
     /// The pyramid level on which it should be found from this distance.
     pub(crate) fn octave_at(&self, distance_m: f64) -> u8 {
         let level = (self.reach_m / distance_m).ln() / SCALE.ln();

@@ -138,17 +138,12 @@ impl Places {
         }
     }
 
-    /// The `most` keyframes among those `wanted` that are most alike, best first.
-    pub(crate) fn query(
-        &self,
-        features: &[Feature],
-        most: usize,
-        wanted: impl Fn(KeyframeId) -> bool,
-    ) -> Vec<Candidate> {
-        let mut scores: BTreeMap<KeyframeId, f64> = BTreeMap::new();
-        if self.members.is_empty() {
+    /// All keyframes that are alike in something, the most alike first.
+    pub(crate) fn query(&self, features: &[Feature]) -> Vec<Candidate> {
+        let Some((newest, _)) = self.members.last_key_value() else {
             return Vec::new();
-        }
+        };
+        let mut scores = vec![0.0; newest.0 as usize + 1];
         let all = self.members.len() as f64;
         let mut asked: Vec<(u32, u32)> = indexed(features)
             .flat_map(|f| (0..TABLES).map(|table| (table, self.value(table, &f.descriptor))))
@@ -170,12 +165,13 @@ impl Places {
                 at = entry.next;
             }
             let rarity = (all / having.len().max(1) as f64).ln_1p() / all.ln_1p();
-            for &id in having.iter().filter(|id| wanted(**id)) {
-                *scores.entry(id).or_default() += rarity;
+            for id in &having {
+                scores[id.0 as usize] += rarity;
             }
         }
+        let scores = (0..).map(KeyframeId).zip(scores);
         let mut found: Vec<Candidate> = scores
-            .into_iter()
+            .filter(|&(_, score)| score > 0.0)
             .map(|(keyframe, score)| Candidate { keyframe, score })
             .collect();
         found.sort_by(|a, b| {
@@ -183,7 +179,6 @@ impl Places {
                 .total_cmp(&a.score)
                 .then(a.keyframe.cmp(&b.keyframe))
         });
-        found.truncate(most);
         found
     }
 
@@ -249,7 +244,7 @@ mod tests {
     fn a_place_is_recognised_from_another_view_among_many() {
         let places = indexed_places(60);
         for place in [0u32, 17, 59] {
-            let found = places.query(&view(u64::from(place), 30, 7), 3, |_| true);
+            let found = places.query(&view(u64::from(place), 30, 7));
             assert_eq!(found[0].keyframe, KeyframeId(place));
             let next = found.get(1).map_or(0.0, |c| c.score);
             assert!(found[0].score > 5.0 * next, "{found:?} is not clear");
@@ -266,7 +261,7 @@ mod tests {
             places.insert(KeyframeId(i), &both);
         }
         let asked: Vec<Feature> = [&common[..250], &view(9, 20, 5)[..50]].concat();
-        let found = places.query(&asked, 2, |_| true);
+        let found = places.query(&asked);
         assert_eq!(found[0].keyframe, KeyframeId(9));
         assert!(found[0].score > 1.05 * found[1].score, "{found:?}");
     }
@@ -274,13 +269,10 @@ mod tests {
     #[test]
     fn a_removed_keyframe_is_not_found_and_leaves_no_memory() {
         let mut places = indexed_places(20);
-        let (entries, before) = (
-            places.entries.len(),
-            places.query(&view(3, 0, 0), 1, |_| true),
-        );
+        let (entries, before) = (places.entries.len(), places.query(&view(3, 0, 0)));
         assert_eq!(before[0].keyframe, KeyframeId(3));
         places.remove(KeyframeId(3));
-        let found = places.query(&view(3, 0, 0), 5, |_| true);
+        let found = places.query(&view(3, 0, 0));
         assert!(
             found.iter().all(|c| c.keyframe != KeyframeId(3)),
             "{found:?}"
@@ -291,10 +283,7 @@ mod tests {
         }
         places.insert(KeyframeId(3), &view(3, 0, 0));
         assert_eq!(places.entries.len(), entries);
-        assert_eq!(
-            places.query(&view(3, 0, 0), 1, |_| true)[0].keyframe,
-            KeyframeId(3)
-        );
+        assert_eq!(places.query(&view(3, 0, 0))[0].keyframe, KeyframeId(3));
         for i in 0..20 {
             places.remove(KeyframeId(i));
         }
@@ -303,14 +292,7 @@ mod tests {
     }
 
     #[test]
-    fn unwanted_keyframes_are_left_out() {
-        let places = indexed_places(5);
-        let found = places.query(&view(2, 10, 1), 5, |id| id != KeyframeId(2));
-        assert!(found.iter().all(|c| c.keyframe != KeyframeId(2)));
-        assert!(
-            Places::default()
-                .query(&view(2, 0, 0), 5, |_| true)
-                .is_empty()
-        );
+    fn an_empty_index_knows_no_place() {
+        assert!(Places::default().query(&view(2, 0, 0)).is_empty());
     }
 }

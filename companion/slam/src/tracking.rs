@@ -100,9 +100,9 @@ pub(crate) fn candidates(map: &Map, now: &Sighting, turn: usize) -> Vec<Keyframe
     let all: Vec<KeyframeId> = map.keyframes.keys().rev().copied().collect();
     let newest = all.first().copied();
     let in_turn = turn.checked_rem(all.len()).map(|at| all[at]);
-    let others = |id: KeyframeId| Some(id) != newest && Some(id) != in_turn;
-    let alike = map.places.query(&now.features, ALIKE, others);
-    let alike = alike.into_iter().map(|c| c.keyframe);
+    let others = |id: &KeyframeId| Some(*id) != newest && Some(*id) != in_turn;
+    let alike = map.places.query(&now.features).into_iter();
+    let alike = alike.map(|c| c.keyframe).filter(others).take(ALIKE);
     newest
         .into_iter()
         .chain(alike)

@@ -46,12 +46,7 @@ impl Excerpt {
             .collect();
         names.sort_unstable();
         names.dedup();
-        let bare = |id: &PointId| {
-            map.point(*id).map(|p| MapPoint {
-                views: Vec::new(),
-                ..p.clone()
-            })
-        };
+        let bare = |id: &PointId| map.point(*id).map(MapPoint::without_views);
         let slots = names.iter().map(|id| Slot {
             generation: 0,
             point: bare(id),

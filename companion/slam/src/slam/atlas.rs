@@ -45,10 +45,9 @@ impl Slam {
     fn find_elsewhere(&mut self, now: &mut Sighting, aid: &Aid<'_>) -> Option<Fit> {
         const COMPARED: usize = 2;
         let at = self.next_try.checked_rem(self.back.stored.len())?;
-        let candidates = self.back.stored[at]
-            .places
-            .query(&now.features, COMPARED, |_| true);
-        let candidates: Vec<_> = candidates.iter().map(|c| c.keyframe).collect();
+        let candidates = self.back.stored[at].places.query(&now.features);
+        let candidates = candidates.iter().map(|c| c.keyframe);
+        let candidates: Vec<_> = candidates.take(COMPARED).collect();
         std::mem::swap(&mut self.map, &mut self.back.stored[at]);
         let known = Located {
             optics: &self.optics,
@@ -86,6 +85,7 @@ impl Slam {
         while let Some(id) = self.window.pop_front() {
             self.settle(id);
         }
+        let _of_the_map_before = self.seeker.take();
         self.back.streak.forget();
         let before = std::mem::replace(&mut self.map, next);
         let worth_keeping =

@@ -1,16 +1,19 @@
 //! Loops are closed, and maps joined: the part of the state machine that works with [`crate::loops`].
 
+use std::sync::Arc;
+
 use nalgebra::Isometry3;
 
 use crate::bundle::Local;
-use crate::loops::{self, Comparison, Sameness, Streak};
+use crate::loops::{self, Comparison, Place, Sameness, Streak};
 use crate::map::{Excerpt, KeyframeId, Link, Map, Renaming, Standing};
+use crate::optics::Optics;
 use crate::places::Candidate;
 
 use super::Slam;
 
 /// Keyframes that are compared with the new one, at most, of each map.
-const COMPARED: usize = 2;
+const COMPARED: usize = 3;
 /// A candidate must look this much like the new keyframe, compared with the most similar one of the window.
 const ALIKE_SHARE: f64 = 0.15;
 /// Points that make two keyframes look at the same place.
@@ -22,16 +25,39 @@ const NOTED_RAD: f64 = 0.01;
 const WRONG_M: f64 = 0.03;
 const WRONG_RAD: f64 = 0.01;
 
+/// A place that was recognised, and the number of the map it is in.
+pub(super) type Recognised = (u32, Sameness);
+
 impl Slam {
-    /// Looks whether the newest keyframe shows a place known from before, and closes the loop once that is sure. What the
-    /// keyframe is called from now on.
+    /// Closes the loop if it is sure by now that the keyframe before the newest shows a place known from before, and has
+    /// the same looked for in the newest one. What that one is called from now on.
     pub(super) fn close_loop(&mut self, newest: KeyframeId) -> KeyframeId {
-        let Some((number, found)) = self.recognise() else {
+        self.take_recognised();
+        let newest = self.window.back().copied().unwrap_or(newest);
+        let alike = self.places_like(newest);
+        if !alike.is_empty()
+            && let Some(now) = Place::new(&self.optics, &self.map, newest)
+        {
+            let optics = Arc::clone(&self.optics);
+            self.seeker
+                .start(move || first_verified(&optics, &now, &alike));
+        }
+        newest
+    }
+
+    /// Hears what became of the comparisons of the last keyframe.
+    fn take_recognised(&mut self) {
+        let found = self.seeker.take().flatten();
+        let Some((number, found)) = found.and_then(|found| self.as_known_now(found)) else {
             self.back.streak.miss();
-            return newest;
+            return;
         };
-        let Some(evidence) = self.back.streak.add(number, found) else {
-            return newest;
+        let mut streak = std::mem::take(&mut self.back.streak);
+        streak.update(|number, found| Some(self.as_known_now((number, found))?.1));
+        let evidence = streak.add(number, found);
+        self.back.streak = streak;
+        let Some(evidence) = evidence else {
+            return;
         };
         if number != self.map.number {
             self.join(number, evidence);
@@ -41,40 +67,51 @@ impl Slam {
         {
             self.spread(&evidence);
         }
-        self.window.back().copied().unwrap_or(newest)
     }
 
-    /// The place that the newest keyframe shows beyond what the window knows of, and the map it is in.
-    fn recognise(&self) -> Option<(u32, Sameness)> {
-        let &newest = self.window.back()?;
-        let features = &self.map.keyframes.get(&newest)?.features;
+    /// While the two keyframes were compared, they may have been adjusted, or forgotten.
+    fn as_known_now(&self, (number, found): Recognised) -> Option<Recognised> {
+        let pose_before = self.map.keyframes.get(&found.now)?.world_from_camera;
+        let then = self.map_of(number)?.keyframes.get(&found.then)?;
+        let found = Sameness {
+            pose: then.world_from_camera * found.then_from_now,
+            pose_before,
+            ..found
+        };
+        Some((number, found))
+    }
+
+    /// The keyframes that look like the newest one, beyond those that the window knows of; with the numbers of their maps.
+    fn places_like(&self, newest: KeyframeId) -> Vec<(u32, Place)> {
+        let Some(k) = self.map.keyframes.get(&newest) else {
+            return Vec::new();
+        };
         let window: Vec<KeyframeId> = self.window.iter().copied().collect();
         let shared = self.map.shared(&window);
         let is_near = |id: KeyframeId| {
             window.contains(&id) || shared.get(&id).is_some_and(|&count| count >= FEWEST_SHARED)
         };
-        let of_window = |id: KeyframeId| id != newest && is_near(id);
-        let usual = self.map.places.query(features, 1, of_window);
-        let least = ALIKE_SHARE * usual.first()?.score;
-        let alike = |map: &Map, wanted: &dyn Fn(KeyframeId) -> bool| -> Vec<Candidate> {
-            let mut found = map.places.query(features, COMPARED, wanted);
-            found.retain(|candidate| candidate.score >= least);
-            found
+        let here = self.map.places.query(&k.features);
+        let mut of_window = here.iter().filter(|c| c.keyframe != newest);
+        let Some(usual) = of_window.find(|c| is_near(c.keyframe)) else {
+            return Vec::new();
         };
-        let verify = |old: &Map, candidate: &Candidate| {
-            let pair = ((&self.map, newest), (old, candidate.keyframe));
-            let found = Comparison::new(&self.optics, pair.0, pair.1)?.verify(&self.optics)?;
-            Some((old.number, found))
+        let least = ALIKE_SHARE * usual.score;
+        let alike = |all: &[Candidate], wanted: &dyn Fn(KeyframeId) -> bool| -> Vec<KeyframeId> {
+            let alike = all.iter().take_while(|c| c.score >= least);
+            let wanted = alike.map(|c| c.keyframe).filter(|&id| wanted(id));
+            wanted.take(COMPARED).collect()
         };
-        let here = alike(&self.map, &|id| !is_near(id));
-        here.iter()
-            .find_map(|candidate| verify(&self.map, candidate))
-            .or_else(|| {
-                self.back.stored.iter().find_map(|old| {
-                    let there = alike(old, &|_| true);
-                    there.iter().find_map(|candidate| verify(old, candidate))
-                })
-            })
+        let place = |map: &Map, id| Some((map.number, Place::new(&self.optics, map, id)?));
+        let mut places: Vec<_> = alike(&here, &|id| !is_near(id))
+            .into_iter()
+            .filter_map(|id| place(&self.map, id))
+            .collect();
+        for old in &self.back.stored {
+            let there = alike(&old.places.query(&k.features), &|_| true);
+            places.extend(there.into_iter().filter_map(|id| place(old, id)));
+        }
+        places
     }
 
     /// Spreads over the map what the keyframes that have recognised a place say, and makes one of what is there twice.
@@ -212,6 +249,14 @@ fn agrees(ids: &[KeyframeId], poses: &[Isometry3<f64>], newest: &Sameness) -> bo
         .zip(pose(newest.now))
         .map(|(then, now)| (then * newest.then_from_now).inverse() * now);
     off.is_some_and(|off| off.translation.vector.norm() < OFF_M && off.rotation.angle() < OFF_RAD)
+}
+
+/// The first of the old places that is the same as the new one.
+fn first_verified(optics: &Optics, now: &Place, old: &[(u32, Place)]) -> Option<Recognised> {
+    old.iter().find_map(|(number, then)| {
+        let found = Comparison::new(optics, now, then).verify()?;
+        Some((*number, found))
+    })
 }
 
 /// What the back end knows beside the map.

@@ -105,8 +105,8 @@ fn drift_around_a_corridor_is_corrected_and_the_dense_map_made_anew() {
         .map(|(i, (_, pose))| apart(pose, truth(i)).0)
         .fold(0.0, f64::max);
     assert!(
-        worst < 0.5 * before,
-        "the correction is spread over the whole path: {worst} m"
+        worst < 0.6 * before,
+        "the correction is spread over the whole path: {worst} m of {before} m"
     );
     let corrected = on_surface(&scene, &dense);
     let uncorrected = on_surface(&scene, &never_forgotten);
