@@ -76,7 +76,7 @@ fn recording() -> Result<(String, Pinhole, Vec<RgbdFrame>)> {
         PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/rgbd/bonn_crowd_a");
     let folder = named.map_or(shared, PathBuf::from);
     if folder.is_dir() {
-        let frames = tum::frames(&folder)?
+        let frames = tum::frames(&folder, tum::DEPTH_FACTOR)?
             .take(FRAMES)
             .collect::<Result<Vec<_>>>()?;
         return Ok((folder.display().to_string(), tum::BONN, frames));

@@ -1,9 +1,11 @@
 //! Replays a recording in TUM layout and says how well and how fast the SLAM tracks it.
 //!
 //! ```text
-//! cargo run --release -p slam --example replay -- FOLDER bonn|tum-fr1 [--frames N] [--pictures DIR]
-//!     [--ignore-moving | --paper | --baseline] [--objects FILE]
+//! cargo run --release -p slam --example replay -- FOLDER bonn|tum-fr1|d455 [--frames N] [--pictures DIR]
+//!     [--ignore-moving | --paper | --baseline] [--objects FILE] [--max-depth M]
 //! ```
+//!
+//! `d455` is the simulator's depth camera, with depth in millimetres.
 //!
 //! `--paper` and `--baseline` are methods to compare with: `Moving::Paper`, and `Moving::Ignore` with
 //! `Mapping::LastKeyframe`. The objects are those that a detector saw, one a line, as the example `detect` of
@@ -38,6 +40,7 @@ type Result<T> = std::result::Result<T, Box<dyn Error + Send + Sync>>;
 struct Arguments {
     folder: PathBuf,
     camera: Pinhole,
+    depth_factor: f32,
     frames: usize,
     pictures: Option<PathBuf>,
     settings: Settings,
@@ -48,10 +51,12 @@ struct Arguments {
 fn arguments() -> Result<Arguments> {
     let mut args = std::env::args().skip(1);
     let folder = args.next().ok_or("which folder?")?.into();
-    let camera = camera(&args.next().ok_or("which camera: bonn or tum-fr1?")?)?;
+    let (camera, depth_factor) =
+        camera(&args.next().ok_or("which camera: bonn, tum-fr1 or d455?")?)?;
     let mut parsed = Arguments {
         folder,
         camera,
+        depth_factor,
         frames: usize::MAX,
         pictures: None,
         settings: Settings::default(),
@@ -67,6 +72,10 @@ fn arguments() -> Result<Arguments> {
                 parsed.settings.moving = Moving::Ignore;
                 parsed.settings.mapping = Mapping::LastKeyframe;
             }
+            "--max-depth" => {
+                let farthest = args.next().ok_or("how far is depth believed?")?;
+                parsed.settings.max_depth_m = farthest.parse()?;
+            }
             "--objects" => {
                 parsed.objects = read_objects(&args.next().ok_or("objects from where?")?)?;
             }
@@ -76,17 +85,20 @@ fn arguments() -> Result<Arguments> {
     Ok(parsed)
 }
 
-fn camera(name: &str) -> Result<Pinhole> {
-    let (f, c, distortion) = match name {
-        "bonn" => return Ok(recording::BONN),
+/// The camera, and the value of one of its depth pixels at 1 m.
+fn camera(name: &str) -> Result<(Pinhole, f32)> {
+    let (f, c, distortion, factor) = match name {
+        "bonn" => return Ok((recording::BONN, recording::DEPTH_FACTOR)),
         "tum-fr1" => (
             [517.306_408, 516.469_215],
             [318.643_040, 255.313_989],
             [0.262_383, -0.953_104, -0.005_358, 0.002_628, 1.163_314],
+            recording::DEPTH_FACTOR,
         ),
+        "d455" => ([386.0; 2], [319.5, 239.5], [0.0; 5], 1000.0),
         other => return Err(format!("unknown camera {other}").into()),
     };
-    Ok(Pinhole {
+    let camera = Pinhole {
         width: 640,
         height: 480,
         fx: f[0],
@@ -94,7 +106,8 @@ fn camera(name: &str) -> Result<Pinhole> {
         cx: c[0],
         cy: c[1],
         distortion,
-    })
+    };
+    Ok((camera, factor))
 }
 
 fn read_objects(file: &str) -> Result<BTreeMap<Stamp, Vec<Object>>> {
@@ -134,7 +147,8 @@ fn main() -> Result<()> {
     let mut times: Vec<(Duration, bool)> = Vec::new();
     let mut outcomes: Vec<Tracked> = Vec::new();
     let mut dense = Vec::new();
-    let frames = recording::frames(&arguments.folder)?.take(arguments.frames);
+    let frames =
+        recording::frames(&arguments.folder, arguments.depth_factor)?.take(arguments.frames);
     for (i, frame) in frames.enumerate() {
         let frame = frame?;
         let aid = Aid {

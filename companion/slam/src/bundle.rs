@@ -10,10 +10,9 @@
 //!
 //! - B. Triggs et al., *Bundle Adjustment: A Modern Synthesis*, 1999, section 6.
 
-use std::collections::BTreeMap;
-
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix3, Point3, SMatrix, Vector3, Vector6};
 
+use crate::features::Feature;
 use crate::map::{KeyframeId, Map, PointId};
 use crate::optics::Optics;
 use crate::solver::{DEPTH_GATE, PIXEL_GATE, Seen, boxplus, chi2, residual, robust};
@@ -223,9 +222,10 @@ impl Local {
             .collect();
         points.sort_unstable();
         points.dedup();
+        let is_in_window = |k: &KeyframeId| window.contains(k);
         let is_anchored = |id: &PointId| {
             map.point(*id)
-                .is_some_and(|p| p.views.iter().any(|(k, _)| !window.contains(k)))
+                .is_some_and(|p| p.views.iter().any(|(k, _)| !is_in_window(k)))
         };
         let anchored = points.iter().filter(|id| is_anchored(id)).count();
         let free = if anchored < 20 {
@@ -237,7 +237,13 @@ impl Local {
             return None;
         }
         let mut cameras = free.to_vec();
-        let mut index: BTreeMap<KeyframeId, usize> = cameras.iter().copied().zip(0..).collect();
+        // By keyframe; looked up for each observation.
+        let mut index = vec![usize::MAX; map.poses.len()];
+        for (at, id) in cameras.iter().enumerate() {
+            index[id.0 as usize] = at;
+        }
+        let features = |id: &KeyframeId| Some(map.keyframes.get(id)?.features.as_slice());
+        let mut seen_by: Vec<&[Feature]> = cameras.iter().filter_map(features).collect();
         let mut observations = Vec::new();
         let mut names = Vec::new();
         let mut positions = Vec::new();
@@ -246,21 +252,22 @@ impl Local {
             positions.push(point.position);
             let mut anchors = 0;
             for &(k, feature) in &point.views {
-                if !window.contains(&k) {
+                if index[k.0 as usize] >= free.len() && !is_in_window(&k) {
                     anchors += 1;
                     if anchors > ANCHORS {
                         continue;
                     }
                 }
-                let seen = Seen::from(&map.keyframes.get(&k)?.features[feature as usize]);
-                let camera = *index.entry(k).or_insert_with(|| {
+                let camera = &mut index[k.0 as usize];
+                if *camera == usize::MAX {
+                    *camera = cameras.len();
                     cameras.push(k);
-                    cameras.len() - 1
-                });
+                    seen_by.push(features(&k)?);
+                }
                 observations.push(Observation {
-                    camera,
+                    camera: *camera,
                     point: at,
-                    seen,
+                    seen: Seen::from(&seen_by[*camera][feature as usize]),
                 });
                 names.push((id, k));
             }

@@ -34,6 +34,7 @@ mod paper;
 mod region;
 mod witness;
 
+use maps::time::Stamp;
 use nalgebra::Isometry3;
 use rand_pcg::Pcg64;
 
@@ -46,6 +47,7 @@ pub(crate) use memory::Memory;
 use memory::Trace;
 use object::View;
 use region::Label;
+use witness::Judged;
 
 /// Frames for which an object is known again where no detector looks, or where it misses the object.
 const NAMED: u8 = 15;
@@ -56,6 +58,7 @@ const MOVING_SHARE: f64 = 0.25;
 pub(crate) struct Scene<'a> {
     pub(crate) optics: &'a Optics,
     pub(crate) map: &'a Map,
+    pub(crate) at: Stamp,
     /// The frame before, and where it was taken from; without features if that is not known.
     pub(crate) last: &'a Sighting,
     pub(crate) last_pose: &'a Isometry3<f64>,
@@ -66,7 +69,13 @@ pub(crate) struct Scene<'a> {
 /// Finds what moves in a frame; marks it there, and returns what the next frame should remember.
 pub(crate) fn reject_moving(scene: &Scene<'_>, now: &mut Sighting, before: &Memory) -> Memory {
     let (optics, pose) = (scene.optics, scene.pose);
-    let votes = witness::votes(optics, scene.map, (pose, &now.coarse), None);
+    let frame = Judged {
+        at: scene.at,
+        pose,
+        coarse: &now.coarse,
+        id: None,
+    };
+    let votes = witness::votes(optics, scene.map, &frame);
     let recalled = before.recall(optics, (pose, &now.coarse));
     let counts = features::testimony(&Pair {
         optics,
@@ -75,8 +84,14 @@ pub(crate) fn reject_moving(scene: &Scene<'_>, now: &mut Sighting, before: &Memo
         now,
         poses: [scene.last_pose, pose],
     });
-    let doubts = features::doubts(optics, &now.coarse.depth_m, (&counts, &recalled));
     let mut labels = region::label(&now.coarse, &votes, &recalled);
+    let suspicion = region::suspicion(optics, &votes, &labels);
+    let doubts = features::doubts(
+        optics,
+        &now.coarse.depth_m,
+        &counts,
+        (&recalled, &suspicion),
+    );
     for (label, doubt) in labels.iter_mut().zip(&doubts) {
         if *doubt >= features::ENOUGH {
             *label = Label::Certain;
@@ -151,14 +166,21 @@ pub(crate) fn reject_objects(scene: &Scene<'_>, now: &mut Sighting, rng: &mut Pc
     now.coarse.moving = moving;
 }
 
-/// Marks in a keyframe what later frames have looked through: somebody stood there, and has gone. Returns the cells
-/// that were looked through, be they ever so few: too little to be sure of, and no loss for a dense map.
+/// Marks in a keyframe what later frames have looked through: somebody stood there, and has gone. Returns the cells that
+/// no other keyframe confirms: too little to be sure that something moves, and next to no loss for a dense map, since what
+/// stands is seen by several.
 pub(crate) fn reconsider(optics: &Optics, map: &mut Map, id: KeyframeId) -> Vec<bool> {
     let Some(k) = map.keyframes.get(&id) else {
         return Vec::new();
     };
     let pose = k.world_from_camera;
-    let votes = witness::votes(optics, map, (&pose, &k.coarse), Some(id));
+    let frame = Judged {
+        at: k.at,
+        pose: &pose,
+        coarse: &k.coarse,
+        id: Some(id),
+    };
+    let votes = witness::votes(optics, map, &frame);
     let nothing = vec![Trace::default(); optics.cell_count()];
     let labels = region::label(&k.coarse, &votes, &nothing);
     let age = region::grow(optics, &k.coarse, &labels, &pose);
@@ -168,5 +190,5 @@ pub(crate) fn reconsider(optics: &Optics, map: &mut Map, id: KeyframeId) -> Vec<
             *cell |= found;
         }
     }
-    labels.iter().map(|l| *l == Label::Strong).collect()
+    labels.iter().map(|l| *l != Label::Confirmed).collect()
 }

@@ -12,12 +12,18 @@ use crate::optics::Optics;
 use crate::settings::Settings;
 use crate::tracked::FrameError;
 
+/// How much farther than for the map depth is believed as a witness of free space: its noise, which grows with the square
+/// of the distance, is allowed for there.
+const FREE_SPACE: f32 = 2.0;
+
 /// Finds features in frames. Clones share their tables.
 #[derive(Clone)]
 pub struct FrontEnd {
     pub(crate) optics: Arc<Optics>,
     extractor: Arc<Extractor>,
     pub(crate) depths: DepthRange,
+    /// Depth too rough for the map is good enough to tell what is empty.
+    free_space: DepthRange,
 }
 
 /// What was found in a frame.
@@ -30,12 +36,14 @@ pub struct Look {
 impl FrontEnd {
     /// For this camera.
     pub fn new(camera: Pinhole, settings: &Settings) -> Self {
+        let (min_m, max_m) = (settings.min_depth_m as f32, settings.max_depth_m as f32);
         Self {
             optics: Arc::new(Optics::new(camera)),
             extractor: Arc::new(Extractor::new(settings.features)),
-            depths: DepthRange {
-                min_m: settings.min_depth_m as f32,
-                max_m: settings.max_depth_m as f32,
+            depths: DepthRange { min_m, max_m },
+            free_space: DepthRange {
+                min_m,
+                max_m: FREE_SPACE * max_m,
             },
         }
     }
@@ -46,7 +54,7 @@ impl FrontEnd {
         Ok(Look {
             at: frame.at,
             features: self.extractor.extract(&self.optics, frame, self.depths),
-            coarse: Coarse::new(&self.optics, frame, self.depths),
+            coarse: Coarse::new(&self.optics, frame, self.free_space),
         })
     }
 

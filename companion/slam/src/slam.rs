@@ -35,7 +35,7 @@ use crate::tracked::{FrameError, Overlay, State, Tracked};
 use crate::tracking::{self, Located};
 use crate::triangulate;
 use crate::worker::Worker;
-use closing::BackEnd;
+use closing::{BackEnd, Recognised};
 use positions::Positions;
 
 /// The least number of features with depth that starts a map.
@@ -53,7 +53,10 @@ pub struct Slam {
     /// The front end's.
     optics: Arc<Optics>,
     watch: Option<Watch>,
+    /// Adjusts the window; due [`ADJUSTED_AFTER`] a keyframe.
     mapper: Worker<Solved>,
+    /// Compares a keyframe with older ones; due with the next keyframe.
+    seeker: Worker<Option<Recognised>>,
     rng: Pcg64,
     map: Map,
     state: State,
@@ -91,8 +94,8 @@ struct Logged {
 }
 
 /// Where the system gives no thread, the work is done in the caller's.
-fn mapper(settings: &Settings) -> Worker<Solved> {
-    let thread = settings.threaded.then(|| Worker::thread("slam-map").ok());
+fn worker<T: Send + 'static>(settings: &Settings, name: &str) -> Worker<T> {
+    let thread = settings.threaded.then(|| Worker::thread(name).ok());
     thread.flatten().unwrap_or(Worker::Here(None))
 }
 
@@ -104,7 +107,8 @@ impl Slam {
             optics: Arc::clone(&front_end.optics),
             front_end,
             watch: None,
-            mapper: mapper(&settings),
+            mapper: worker(&settings, "slam-map"),
+            seeker: worker(&settings, "slam-loops"),
             rng: Pcg64::seed_from_u64(settings.seed),
             map: Map::default(),
             state: State::Searching,
@@ -304,6 +308,7 @@ impl Slam {
         let scene = Scene {
             optics: &self.optics,
             map: &self.map,
+            at: self.last.at.unwrap_or(Stamp::ZERO),
             last: if followed {
                 &self.last.sighting
             } else {

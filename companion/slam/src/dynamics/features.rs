@@ -178,18 +178,25 @@ fn from_line(p: [f64; 2], [a, b]: [[f64; 2]; 2]) -> f64 {
     apart(p, [a[0] + part * along[0], a[1] + part * along[1]])
 }
 
-/// How much each cell is doubted now: what is left from before, and what the matches around it on its surface say.
+/// How much each cell is doubted now: what is left from before, what the matches around it on its surface say, and what
+/// free space says.
 pub(super) fn doubts(
     optics: &Optics,
     depth_m: &[f32],
-    (counts, recalled): (&[Count], &[Trace]),
+    counts: &[Count],
+    (recalled, suspicion): (&[Trace], &[f32]),
 ) -> Vec<f32> {
     let around = pooled(optics, depth_m, counts);
-    let updated = |(count, trace): (&Count, &Trace)| {
+    let updated = |((count, trace), suspicion): ((&Count, &Trace), &f32)| {
         let said = if count.moves() { 1.0 } else { 0.0 };
-        (FADING * trace.doubt + said).min(MOST)
+        (FADING * trace.doubt + said + suspicion).min(MOST)
     };
-    around.iter().zip(recalled).map(updated).collect()
+    around
+        .iter()
+        .zip(recalled)
+        .zip(suspicion)
+        .map(updated)
+        .collect()
 }
 
 /// The counts of the matches within reach of each cell along its surface; those that agree are counted where others
@@ -286,8 +293,9 @@ mod tests {
         let (counts, cell) = dispute(&optics);
         let depth_m = depths(&optics, 0.5);
         let mut traces = vec![Trace::default(); optics.cell_count()];
+        let free = vec![0.0; traces.len()];
         let mut after = |counts: &[Count]| {
-            let doubts = doubts(&optics, &depth_m, (counts, &traces));
+            let doubts = doubts(&optics, &depth_m, counts, (&traces, &free));
             for (trace, doubt) in traces.iter_mut().zip(&doubts) {
                 trace.doubt = *doubt;
             }
@@ -305,9 +313,10 @@ mod tests {
         let optics = optics();
         let (counts, cell) = dispute(&optics);
         let nothing = vec![Trace::default(); optics.cell_count()];
+        let free = vec![0.0; nothing.len()];
         let doubt = |before_m| {
             let depth_m = depths(&optics, before_m);
-            doubts(&optics, &depth_m, (&counts, &nothing))[cell] > 0.0
+            doubts(&optics, &depth_m, &counts, (&nothing, &free))[cell] > 0.0
         };
         assert!(doubt(0.5), "those that agree are on the wall behind");
         assert!(!doubt(0.0), "as many agree on the same wall");

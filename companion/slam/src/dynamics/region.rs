@@ -15,6 +15,13 @@ const GROWTH: u16 = 10;
 const STRONG_SHARE: f64 = 0.25;
 /// The least share of the image that is believed to move: smaller spots are noise.
 const SMALLEST_SHARE: f64 = 0.002;
+/// The fewest cells about which there is no doubt that make a component move: a person 10 m away.
+const FEWEST_CERTAIN: usize = 4;
+/// What a cell adds to the doubt about itself in each frame in which it and all around it stand, weakly or clearly, where
+/// space was free seconds ago. A rim that is seen a little displaced is too thin for that; of what was free long ago,
+/// drift may tell.
+const DOUBT_WEAK: f32 = 0.7;
+const DOUBT_STRONG: f32 = 1.3;
 /// Below this height over the floor the mask does not grow into what no witness speaks of: feet touch the floor.
 pub(super) const FLOOR_M: f64 = 0.06;
 /// How far around what moves nothing is believed: colour and depth are a moment apart, in which a person in a hurry goes
@@ -26,6 +33,9 @@ const SHOE_M: f32 = 0.12;
 /// The margin in cells, at least and at most.
 const LEAST_MARGIN: usize = 2;
 const MOST_MARGIN: usize = 10;
+
+/// So many witnesses of free space before or after all who confirm a surface are enough.
+const ENOUGH_APART: u8 = 2;
 
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub(super) enum Label {
@@ -51,7 +61,7 @@ pub(super) enum Label {
 pub(super) fn label(coarse: &Coarse, votes: &[Votes], recalled: &[Trace]) -> Vec<Label> {
     let of = |(cell, v): (usize, &Votes)| match v {
         _ if coarse.depth_m[cell] <= 0.0 => Label::Empty,
-        v if v.strong > v.confirm => Label::Strong,
+        v if v.strong > v.confirm || v.apart >= ENOUGH_APART => Label::Strong,
         v if v.weak > 0 && v.weak >= v.confirm => Label::Weak,
         v if v.confirm > 0 => Label::Confirmed,
         _ => match recalled[cell].age {
@@ -60,6 +70,30 @@ pub(super) fn label(coarse: &Coarse, votes: &[Votes], recalled: &[Trace]) -> Vec
         },
     };
     votes.iter().enumerate().map(of).collect()
+}
+
+/// By cell, what free space adds to the doubt whether it is static: too little for a single frame, enough for a few.
+pub(super) fn suspicion(optics: &Optics, votes: &[Votes], labels: &[Label]) -> Vec<f32> {
+    let (across, down) = (optics.cells_across, optics.cells_down);
+    let mut suspicion = vec![0.0; labels.len()];
+    for row in 1..down.saturating_sub(1) {
+        for column in 1..across.saturating_sub(1) {
+            let cell = row * across + column;
+            if votes[cell].recent == 0 || !matches!(labels[cell], Label::Weak | Label::Strong) {
+                continue;
+            }
+            let around = [cell - across, cell, cell + across];
+            let around = around.iter().flat_map(|&at| &labels[at - 1..=at + 1]);
+            let strong = around.clone().filter(|l| **l == Label::Strong).count();
+            let weak = around.filter(|l| **l == Label::Weak).count();
+            suspicion[cell] = match (strong, strong + weak) {
+                (5.., 7..) => DOUBT_STRONG,
+                (_, 7..) => DOUBT_WEAK,
+                _ => 0.0,
+            };
+        }
+    }
+    suspicion
 }
 
 /// Grows the mask from its seeds, component by component; keeps those with enough evidence. Returns the age by cell.
@@ -103,7 +137,7 @@ fn judge(optics: &Optics, labels: &[Label], component: &[usize], smallest: usize
     let strong = count(&|c| is_strong(labels, c));
     let solid = count(&|c| is_solid(optics, labels, c));
     let free_before = solid >= smallest && strong as f64 >= STRONG_SHARE * component.len() as f64;
-    if certain >= smallest || free_before {
+    if certain >= FEWEST_CERTAIN.min(smallest) || free_before {
         return Some(0);
     }
     let ages = component.iter().filter_map(|&c| match labels[c] {

@@ -1,5 +1,8 @@
 //! Keyframes as witnesses: what each of them saw where a frame now measures something.
 
+use std::time::Duration;
+
+use maps::time::Stamp;
 use nalgebra::{Isometry3, Vector3};
 
 use crate::coarse::{Coarse, clear_of};
@@ -13,39 +16,99 @@ const STRONG: f32 = 1.5;
 const WEAK: f32 = 0.7;
 const CONFIRMING: f32 = 0.5;
 
+/// Witnesses closer together in time than this have seen the same thing: one of them is enough.
+const SPACING: Duration = Duration::from_millis(250);
+/// Within this time drift is too small to show space where there is none, so that the order of what was seen counts.
+const RECENT: Duration = Duration::from_secs(5);
+
 /// What the witnesses say about a cell.
 #[derive(Clone, Copy, Debug, Default)]
 pub(super) struct Votes {
     pub(super) confirm: u8,
     pub(super) weak: u8,
     pub(super) strong: u8,
+    /// Of the strong ones, those of the last seconds before anybody has confirmed the surface, and of the next ones after
+    /// all who have: somebody came, or left. What stands is not free at first and there later.
+    pub(super) apart: u8,
+    /// Of the weak ones, the strong ones included, those of the last seconds.
+    pub(super) recent: u8,
+    confirmed_before: bool,
 }
 
 impl Votes {
-    /// Whether so many more voices cannot change the verdict.
-    fn is_decided(self, more: u8) -> bool {
-        self.confirm > self.weak + more || self.strong > self.confirm + more
+    /// Whether so many more voices cannot change the verdict. Of a keyframe in the midst of others, the last word is
+    /// that of the last one.
+    fn is_decided(self, more: u8, is_newest: bool) -> bool {
+        self.strong > self.confirm + more || (is_newest && self.confirm > self.weak + more)
+    }
+
+    fn weak(&mut self, when: When) {
+        self.weak += 1;
+        self.recent += u8::from(when != When::LongAgo);
+    }
+
+    fn strong(&mut self, when: When) {
+        self.strong += 1;
+        self.weak(when);
+        let counts = match when {
+            When::Before => !self.confirmed_before,
+            When::After => true,
+            When::LongAgo => false,
+        };
+        self.apart += u8::from(counts);
+    }
+
+    fn confirm(&mut self, when: When) {
+        self.confirm += 1;
+        match when {
+            When::Before => self.confirmed_before = true,
+            When::After => self.apart = 0,
+            When::LongAgo => {}
+        }
     }
 }
 
-/// What the keyframes that know most say about each cell of a frame taken from `pose`.
-pub(super) fn votes(
-    optics: &Optics,
-    map: &Map,
-    view: (&Isometry3<f64>, &Coarse),
-    except: Option<KeyframeId>,
-) -> Vec<Votes> {
-    let witnesses = choose(optics, map, view, except);
-    hear(optics, map, view, &witnesses)
+/// When a witness looked: before the frame or after it, or so much apart from it that its order does not matter.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum When {
+    LongAgo,
+    Before,
+    After,
 }
 
-/// The keyframes that know most about what is in view: greedily, each next one for what the others leave open.
-fn choose(
-    optics: &Optics,
-    map: &Map,
-    (pose, coarse): (&Isometry3<f64>, &Coarse),
-    except: Option<KeyframeId>,
-) -> Vec<KeyframeId> {
+/// The frame that is judged.
+pub(super) struct Judged<'a> {
+    pub(super) at: Stamp,
+    pub(super) pose: &'a Isometry3<f64>,
+    pub(super) coarse: &'a Coarse,
+    /// Its name, if it is a keyframe itself.
+    pub(super) id: Option<KeyframeId>,
+}
+
+impl Judged<'_> {
+    fn when(&self, at: Stamp) -> When {
+        let apart = if at < self.at {
+            self.at.since(at)
+        } else {
+            at.since(self.at)
+        };
+        match () {
+            () if apart > RECENT => When::LongAgo,
+            () if at < self.at => When::Before,
+            () => When::After,
+        }
+    }
+}
+
+/// What the keyframes that know most say about each cell of a frame.
+pub(super) fn votes(optics: &Optics, map: &Map, frame: &Judged<'_>) -> Vec<Votes> {
+    hear(optics, map, frame, &choose(optics, map, frame))
+}
+
+/// The keyframes that know most about what is in view: greedily, each next one for what the others leave open. Oldest
+/// first.
+fn choose(optics: &Optics, map: &Map, frame: &Judged<'_>) -> Vec<KeyframeId> {
+    let coarse = frame.coarse;
     let step = (optics.cells_across / 14).max(1);
     let samples: Vec<Vector3<f32>> = (0..optics.cell_count())
         .filter(|cell| {
@@ -54,20 +117,20 @@ fn choose(
         })
         .map(|cell| optics.cell_point(cell, coarse.depth_m[cell]))
         .collect();
-    let mut candidates: Vec<(KeyframeId, Vec<bool>)> = map
+    let mut candidates: Vec<(KeyframeId, Stamp, Vec<bool>)> = map
         .keyframes
         .iter()
-        .filter(|(id, _)| Some(**id) != except)
+        .filter(|(id, _)| Some(**id) != frame.id)
         .map(|(&id, k)| {
-            let relative = Fast::new(&(k.world_from_camera.inverse() * pose));
+            let relative = Fast::new(&(k.world_from_camera.inverse() * frame.pose));
             let informs = |p: &Vector3<f32>| informs(optics, &k.coarse, &relative.apply(p));
-            (id, samples.iter().map(informs).collect())
+            (id, k.at, samples.iter().map(informs).collect())
         })
         .collect();
     let mut heard = vec![0u32; samples.len()];
     let mut chosen = Vec::new();
     while chosen.len() < WITNESSES && !candidates.is_empty() {
-        let worth = |(_, informs): &(KeyframeId, Vec<bool>)| -> u32 {
+        let worth = |(.., informs): &(KeyframeId, Stamp, Vec<bool>)| -> u32 {
             let by = informs.iter().zip(&heard).filter(|(i, _)| **i);
             by.map(|(_, &count)| 16 >> (2 * count).min(5)).sum()
         };
@@ -78,12 +141,21 @@ fn choose(
         let Some((1.., id, best)) = ranked.max() else {
             break;
         };
-        let (_, informs) = candidates.swap_remove(best);
+        let (_, at, informs) = candidates.swap_remove(best);
+        candidates.retain(|(_, other, _)| {
+            let apart = if *other < at {
+                at.since(*other)
+            } else {
+                other.since(at)
+            };
+            apart >= SPACING
+        });
         for (count, _) in heard.iter_mut().zip(&informs).filter(|(_, i)| **i) {
             *count += 1;
         }
         chosen.push(id);
     }
+    chosen.sort_unstable();
     chosen
 }
 
@@ -95,12 +167,8 @@ fn informs(optics: &Optics, coarse: &Coarse, p: &Vector3<f32>) -> bool {
     })
 }
 
-fn hear(
-    optics: &Optics,
-    map: &Map,
-    (pose, coarse): (&Isometry3<f64>, &Coarse),
-    witnesses: &[KeyframeId],
-) -> Vec<Votes> {
+fn hear(optics: &Optics, map: &Map, frame: &Judged<'_>, witnesses: &[KeyframeId]) -> Vec<Votes> {
+    let (pose, coarse) = (frame.pose, frame.coarse);
     let mut votes = vec![Votes::default(); optics.cell_count()];
     let asked = witnesses.iter().filter_map(|id| map.keyframes.get(id));
     for (k, to_come) in asked.zip((0..witnesses.len() as u8).rev()) {
@@ -108,11 +176,12 @@ fn hear(
         // One cell of displacement is in `near_m` already.
         let slip = (coarse.slip + k.coarse.slip).saturating_sub(1);
         let slack_m = k.coarse.near_within(optics.cells_across, slip);
+        let when = frame.when(k.at);
         for (cell, vote) in votes.iter_mut().enumerate() {
             let depth = coarse.depth_m[cell];
-            if depth > 0.0 && !vote.is_decided(to_come + 1) {
+            if depth > 0.0 && !vote.is_decided(to_come + 1, frame.id.is_none()) {
                 let p = relative.apply(&optics.cell_point(cell, depth));
-                cast_vote(optics, (&k.coarse, &slack_m), &p, vote);
+                cast_vote(optics, (&k.coarse, &slack_m), &p, (vote, when));
             }
         }
     }
@@ -125,7 +194,7 @@ fn cast_vote(
     optics: &Optics,
     (witness, slack_m): (&Coarse, &[f32]),
     p: &Vector3<f32>,
-    vote: &mut Votes,
+    (vote, when): (&mut Votes, When),
 ) {
     let Some(cell) = optics.cell_of(p) else {
         return;
@@ -137,11 +206,10 @@ fn cast_vote(
     let in_front = |near: f32| (near - p.z) / clear_of(near);
     let gap = in_front(slack_m[cell]);
     if gap > STRONG {
-        vote.strong += 1;
-        vote.weak += 1;
+        vote.strong(when);
     } else if gap > WEAK {
-        vote.weak += 1;
+        vote.weak(when);
     } else if in_front(near) < CONFIRMING && !witness.moving[cell] {
-        vote.confirm += 1;
+        vote.confirm(when);
     }
 }
