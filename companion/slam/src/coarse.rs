@@ -17,8 +17,20 @@ pub(crate) struct Coarse {
     pub(crate) far_m: Vec<f32>,
     /// Whether the cell shows something that moves, margin included.
     pub(crate) moving: Vec<bool>,
+    /// What a detector adds to that; none where none looks.
+    pub(crate) named: Option<Box<Named>>,
     /// By how many cells the depth may be displaced against the colour, because the camera turned meanwhile.
     pub(crate) slip: usize,
+}
+
+/// What a detector knows of cells.
+#[derive(Clone, Debug, Default)]
+pub(crate) struct Named {
+    /// Whether the cell shows somebody, margin included, who may hold still now and serve tracking as well as any
+    /// furniture, and is to be left out of the map all the same.
+    pub(crate) unmapped: Vec<bool>,
+    /// What would be known to move without the detector: of what is known by name alone, witnesses may say that it stands.
+    pub(crate) evident: Vec<bool>,
 }
 
 /// The colour and the depth of a frame are each exposed row by row, and paired where they are not taken at once: what is
@@ -49,6 +61,7 @@ impl Coarse {
         let (near_m, far_m) = extremes(&depth_m, optics.cells_across, optics.cells_down);
         Self {
             moving: vec![false; depth_m.len()],
+            named: None,
             slip: 0,
             depth_m,
             near_m,
@@ -80,6 +93,17 @@ impl Coarse {
             .filter(|(d, _)| **d <= 0.0);
         unknown.for_each(|(_, least)| *least = 0.0);
         Cow::Owned(least)
+    }
+
+    /// Whether the cell is to be left out of the map.
+    pub(crate) fn is_unmapped(&self, cell: usize) -> bool {
+        self.moving[cell] || self.named.as_ref().is_some_and(|n| n.unmapped[cell])
+    }
+
+    /// Whether there is evidence, apart from its name, that what the cell shows moves.
+    pub(crate) fn moves_evidently(&self, cell: usize) -> bool {
+        let named = self.named.as_ref();
+        named.map_or(self.moving[cell], |named| named.evident[cell])
     }
 
     /// Whether a point at this depth in this cell is hidden by something nearer.

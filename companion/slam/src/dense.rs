@@ -128,7 +128,7 @@ impl Pending {
         };
         for &(x, y, depth_m, rgb) in &self.samples {
             let cell = optics.cell_at([f32::from(x), f32::from(y)]);
-            if coarse.moving[cell] || seen_through.get(cell) == Some(&true) {
+            if coarse.is_unmapped(cell) || seen_through.get(cell) == Some(&true) {
                 continue;
             }
             let (column, row) = (usize::from(x) - MARGIN, usize::from(y) - MARGIN);

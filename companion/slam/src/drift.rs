@@ -60,6 +60,11 @@ impl Drift {
         }
     }
 
+    /// How far one of two places may have drifted from the other: the way between them is what the later one adds.
+    pub(crate) fn apart_m(&self, other: &Self) -> f64 {
+        (self.position_m2 - other.position_m2).abs().sqrt()
+    }
+
     /// The covariance of a pose, translation first, whose fit alone has this one.
     pub(crate) fn widen(&self, fit: &Matrix6<f64>) -> Matrix6<f64> {
         let mut wide = *fit;

@@ -39,6 +39,8 @@ use nalgebra::Isometry3;
 use rand_pcg::Pcg64;
 
 use crate::aid::{Mobility, Object};
+use crate::coarse::Named;
+use crate::drift::Drift;
 use crate::map::{KeyframeId, Map};
 use crate::matching::Sighting;
 use crate::optics::Optics;
@@ -73,6 +75,7 @@ pub(crate) fn reject_moving(scene: &Scene<'_>, now: &mut Sighting, before: &Memo
         at: scene.at,
         pose,
         coarse: &now.coarse,
+        drift: Drift::of(scene.map, &now.points),
         id: None,
     };
     let votes = witness::votes(optics, scene.map, &frame);
@@ -98,14 +101,26 @@ pub(crate) fn reject_moving(scene: &Scene<'_>, now: &mut Sighting, before: &Memo
         }
     }
     let named = name(scene, now, (&labels, &counts), &recalled);
-    for (label, named) in labels.iter_mut().zip(&named) {
-        if named.is_some() {
-            *label = Label::Named;
+    let margin = |masked: &mut dyn Iterator<Item = bool>| {
+        region::with_margin(optics, (pose, &now.coarse), masked)
+    };
+    let mut age = region::grow(optics, &now.coarse, &labels, pose);
+    let mut by_name = None;
+    if named.iter().any(Option::is_some) {
+        by_name = Some(Box::new(Named {
+            unmapped: margin(&mut named.iter().map(Option::is_some)),
+            evident: margin(&mut age.iter().map(Option::is_some)),
+        }));
+        for (label, named) in labels.iter_mut().zip(&named) {
+            // Somebody who has stood there for a while is as good as furniture until they move.
+            if named.is_some() && *label != Label::Confirmed {
+                *label = Label::Named;
+            }
         }
+        age = region::grow(optics, &now.coarse, &labels, pose);
     }
-    let age = region::grow(optics, &now.coarse, &labels, pose);
-    let masked = age.iter().map(Option::is_some);
-    now.coarse.moving = region::with_margin(optics, (pose, &now.coarse), masked);
+    let moving = margin(&mut age.iter().map(Option::is_some));
+    (now.coarse.moving, now.coarse.named) = (moving, by_name);
     let traces = age.iter().zip(named).zip(doubts);
     Memory {
         traces: traces
@@ -178,6 +193,7 @@ pub(crate) fn reconsider(optics: &Optics, map: &mut Map, id: KeyframeId) -> Vec<
         at: k.at,
         pose: &pose,
         coarse: &k.coarse,
+        drift: k.drift,
         id: Some(id),
     };
     let votes = witness::votes(optics, map, &frame);

@@ -245,6 +245,7 @@ mod tests {
             moving: vec![false; depth_m.len()],
             depth_m,
             slip: 0,
+            named: None,
         }
     }
 
@@ -310,6 +311,7 @@ mod tests {
             moving: vec![false; depth_m.len()],
             depth_m,
             slip: 0,
+            named: None,
         };
         let find = |heights_m| find_floor(&optics, &view, &heights_m, &mut Pcg64::seed_from_u64(1));
         let taken = find(0.15..=20.0).expect("it looks like a floor");

@@ -15,6 +15,7 @@ pub(crate) struct Optics {
     pub(crate) camera: Pinhole,
     /// Raw pixels along the side of a cell.
     pub(crate) stride: usize,
+    cells_per_pixel: f32,
     pub(crate) cells_across: usize,
     pub(crate) cells_down: usize,
     /// Of each cell: the ray `(X/Z, Y/Z)` of its central pixel.
@@ -31,6 +32,7 @@ impl Optics {
         let mut optics = Self {
             camera,
             stride,
+            cells_per_pixel: (stride as f32).recip(),
             cells_across,
             cells_down,
             rays: Vec::with_capacity(cells_across * cells_down),
@@ -89,9 +91,9 @@ impl Optics {
 
     /// The cell of a raw pixel inside the image.
     pub(crate) fn cell_at(&self, raw: [f32; 2]) -> usize {
-        let column = (raw[0].max(0.0) as usize / self.stride).min(self.cells_across - 1);
-        let row = (raw[1].max(0.0) as usize / self.stride).min(self.cells_down - 1);
-        row * self.cells_across + column
+        // Casts saturate.
+        let [column, row] = raw.map(|c| (c * self.cells_per_pixel) as u32 as usize);
+        row.min(self.cells_down - 1) * self.cells_across + column.min(self.cells_across - 1)
     }
 
     /// The point at `depth_m` in the middle of a cell.

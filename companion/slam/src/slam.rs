@@ -217,7 +217,9 @@ impl Slam {
                 .collect(),
             cell_px: self.optics.stride,
             cells_across: self.optics.cells_across,
-            moving: now.coarse.moving.clone(),
+            moving: (0..now.coarse.moving.len())
+                .map(|cell| now.coarse.is_unmapped(cell))
+                .collect(),
         }
     }
 
@@ -513,8 +515,10 @@ impl Slam {
         let tracking = self.state == State::Tracking;
         let known = tracking && self.map.standing == Standing::Joined;
         let measured = now.coarse.depth_m.iter().filter(|&&d| d > 0.0).count();
-        let moves = now.coarse.moving.iter().zip(&now.coarse.depth_m);
-        let moving = moves.filter(|&(&m, &d)| m && d > 0.0).count();
+        let depths = now.coarse.depth_m.iter().enumerate();
+        let moving = depths
+            .filter(|&(cell, &depth)| depth > 0.0 && now.coarse.is_unmapped(cell))
+            .count();
         Tracked {
             at,
             state: self.state,

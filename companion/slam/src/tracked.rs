@@ -36,9 +36,9 @@ pub struct Tracked {
     pub reset_counter: u32,
     /// Map points that support the pose.
     pub points: usize,
-    /// Features that were left out because they are on something that moves.
+    /// Features that were left out because they are on something that moves now.
     pub rejected: usize,
-    /// Share of the measured depth that shows something that moves, margin included.
+    /// Share of the measured depth that is left out of the map: what moves, and what a detector says will, margin included.
     pub moving_share: f64,
     /// Whether the frame became a keyframe.
     pub keyframe: bool,
@@ -55,7 +55,7 @@ pub struct Overlay {
     pub cell_px: usize,
     /// Cells in a row of `moving`.
     pub cells_across: usize,
-    /// Whether each cell shows something that moves, row by row.
+    /// Whether each cell is left out of the map, row by row: it shows something that moves, or that a detector says will.
     pub moving: Vec<bool>,
 }
 

@@ -10,7 +10,7 @@
 use nalgebra::Isometry3;
 
 use super::region::{FLOOR_M, Label, connected, height, neighbors};
-use crate::aid::{Object, PixelMask};
+use crate::aid::{Mobility, Object, PixelMask};
 use crate::coarse::Coarse;
 use crate::optics::Optics;
 
@@ -68,8 +68,8 @@ struct Surface {
     background: bool,
 }
 
-/// The cells of an object; none if it is not believed or there is nothing to tell it by. Without a mask, cells that a
-/// keyframe has confirmed are left out where they are the exception.
+/// The cells of an object; none if it is not believed or there is nothing to tell it by. Without a mask, of something that
+/// may move or stand cells that a keyframe has confirmed are left out where they are the exception.
 pub(super) fn cells_of(view: &View<'_>, object: &Object, labels: &[Label]) -> Vec<usize> {
     let Some(span) = span(view.optics, object) else {
         return Vec::new();
@@ -77,6 +77,7 @@ pub(super) fn cells_of(view: &View<'_>, object: &Object, labels: &[Label]) -> Ve
     if let Some(mask) = &object.mask {
         return in_mask(view.optics, span, mask);
     }
+    let nearest_is_whole = object.mobility == Mobility::Dynamic;
     let surfaces = surfaces(view, span, labels);
     let filling = || surfaces.iter().filter(|s| s.fill >= LEAST_FILL);
     let nearest = |a: &&Surface, b: &&Surface| a.depth_m.total_cmp(&b.depth_m);
@@ -84,15 +85,15 @@ pub(super) fn cells_of(view: &View<'_>, object: &Object, labels: &[Label]) -> Ve
     let Some(object) = seen.or_else(|| filling().min_by(nearest)) else {
         return Vec::new();
     };
-    let known_for_long = object.background;
+    let whole = nearest_is_whole || object.background;
     let near = |s: &&Surface| (s.depth_m - object.depth_m).abs() < THICKNESS_M;
     surfaces
         .iter()
         .filter(near)
-        .filter(|s| known_for_long || !s.background)
+        .filter(|s| whole || !s.background)
         .flat_map(|s| &s.cells)
         .copied()
-        .filter(|&cell| known_for_long || labels[cell] != Label::Confirmed)
+        .filter(|&cell| whole || labels[cell] != Label::Confirmed)
         .collect()
 }
 

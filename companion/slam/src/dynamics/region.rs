@@ -18,8 +18,7 @@ const SMALLEST_SHARE: f64 = 0.002;
 /// The fewest cells about which there is no doubt that make a component move: a person 10 m away.
 const FEWEST_CERTAIN: usize = 4;
 /// What a cell adds to the doubt about itself in each frame in which it and all around it stand, weakly or clearly, where
-/// space was free seconds ago. A rim that is seen a little displaced is too thin for that; of what was free long ago,
-/// drift may tell.
+/// space was free, as those say from whom the frame has not drifted. A rim that is seen a little displaced is too thin for that.
 const DOUBT_WEAK: f32 = 0.7;
 const DOUBT_STRONG: f32 = 1.3;
 /// Below this height over the floor the mask does not grow into what no witness speaks of: feet touch the floor.
@@ -79,7 +78,7 @@ pub(super) fn suspicion(optics: &Optics, votes: &[Votes], labels: &[Label]) -> V
     for row in 1..down.saturating_sub(1) {
         for column in 1..across.saturating_sub(1) {
             let cell = row * across + column;
-            if votes[cell].recent == 0 || !matches!(labels[cell], Label::Weak | Label::Strong) {
+            if votes[cell].sound == 0 || !matches!(labels[cell], Label::Weak | Label::Strong) {
                 continue;
             }
             let around = [cell - across, cell, cell + across];

@@ -6,7 +6,8 @@ use maps::time::Stamp;
 use nalgebra::{Isometry3, Vector3};
 
 use crate::coarse::{Coarse, clear_of};
-use crate::map::{KeyframeId, Map};
+use crate::drift::Drift;
+use crate::map::{Keyframe, KeyframeId, Map};
 use crate::optics::{Fast, Optics};
 
 /// Keyframes that are asked about a frame.
@@ -16,10 +17,15 @@ const STRONG: f32 = 1.5;
 const WEAK: f32 = 0.7;
 const CONFIRMING: f32 = 0.5;
 
+/// So many who confirm a surface are enough if none of them was of another opinion.
+const ENOUGH: u8 = 2;
 /// Witnesses closer together in time than this have seen the same thing: one of them is enough.
 const SPACING: Duration = Duration::from_millis(250);
 /// Within this time drift is too small to show space where there is none, so that the order of what was seen counts.
 const RECENT: Duration = Duration::from_secs(5);
+
+/// Drift from a witness, one standard deviation, below which even what is weakly free was free.
+const SOUND_M: f64 = 0.05;
 
 /// What the witnesses say about a cell.
 #[derive(Clone, Copy, Debug, Default)]
@@ -30,27 +36,29 @@ pub(super) struct Votes {
     /// Of the strong ones, those of the last seconds before anybody has confirmed the surface, and of the next ones after
     /// all who have: somebody came, or left. What stands is not free at first and there later.
     pub(super) apart: u8,
-    /// Of the weak ones, the strong ones included, those of the last seconds.
-    pub(super) recent: u8,
+    /// Of the weak ones, the strong ones included, those from which the frame has not drifted.
+    pub(super) sound: u8,
     confirmed_before: bool,
 }
 
 impl Votes {
-    /// Whether so many more voices cannot change the verdict. Of a keyframe in the midst of others, the last word is
-    /// that of the last one.
+    /// Whether so many more voices cannot change the verdict, or are not worth hearing: the oldest have spoken first, and
+    /// what they all know stands. Of a keyframe in the midst of others, the last word is that of the last one.
     fn is_decided(self, more: u8, is_newest: bool) -> bool {
-        self.strong > self.confirm + more || (is_newest && self.confirm > self.weak + more)
+        let known = self.weak == 0 && self.confirm >= ENOUGH;
+        self.strong > self.confirm + more
+            || (is_newest && (known || self.confirm > self.weak + more))
     }
 
-    fn weak(&mut self, when: When) {
+    fn weak(&mut self, by: Standpoint) {
         self.weak += 1;
-        self.recent += u8::from(when != When::LongAgo);
+        self.sound += u8::from(by.is_sound);
     }
 
-    fn strong(&mut self, when: When) {
+    fn strong(&mut self, by: Standpoint) {
         self.strong += 1;
-        self.weak(when);
-        let counts = match when {
+        self.weak(by);
+        let counts = match by.when {
             When::Before => !self.confirmed_before,
             When::After => true,
             When::LongAgo => false,
@@ -58,9 +66,9 @@ impl Votes {
         self.apart += u8::from(counts);
     }
 
-    fn confirm(&mut self, when: When) {
+    fn confirm(&mut self, by: Standpoint) {
         self.confirm += 1;
-        match when {
+        match by.when {
             When::Before => self.confirmed_before = true,
             When::After => self.apart = 0,
             When::LongAgo => {}
@@ -76,16 +84,32 @@ enum When {
     After,
 }
 
+/// How a witness is related to the frame.
+#[derive(Clone, Copy, Debug)]
+struct Standpoint {
+    when: When,
+    /// Whether the frame has next to not drifted from it, so that what is weakly free is not drift.
+    is_sound: bool,
+}
+
 /// The frame that is judged.
 pub(super) struct Judged<'a> {
     pub(super) at: Stamp,
     pub(super) pose: &'a Isometry3<f64>,
     pub(super) coarse: &'a Coarse,
+    /// How far it may be off.
+    pub(super) drift: Drift,
     /// Its name, if it is a keyframe itself.
     pub(super) id: Option<KeyframeId>,
 }
 
 impl Judged<'_> {
+    fn standpoint(&self, witness: &Keyframe) -> Standpoint {
+        let when = self.when(witness.at);
+        let is_sound = when != When::LongAgo || self.drift.apart_m(&witness.drift) < SOUND_M;
+        Standpoint { when, is_sound }
+    }
+
     fn when(&self, at: Stamp) -> When {
         let apart = if at < self.at {
             self.at.since(at)
@@ -176,12 +200,12 @@ fn hear(optics: &Optics, map: &Map, frame: &Judged<'_>, witnesses: &[KeyframeId]
         // One cell of displacement is in `near_m` already.
         let slip = (coarse.slip + k.coarse.slip).saturating_sub(1);
         let slack_m = k.coarse.near_within(optics.cells_across, slip);
-        let when = frame.when(k.at);
+        let by = frame.standpoint(k);
         for (cell, vote) in votes.iter_mut().enumerate() {
             let depth = coarse.depth_m[cell];
             if depth > 0.0 && !vote.is_decided(to_come + 1, frame.id.is_none()) {
                 let p = relative.apply(&optics.cell_point(cell, depth));
-                cast_vote(optics, (&k.coarse, &slack_m), &p, (vote, when));
+                cast_vote(optics, (&k.coarse, &slack_m), &p, (vote, by));
             }
         }
     }
@@ -194,7 +218,7 @@ fn cast_vote(
     optics: &Optics,
     (witness, slack_m): (&Coarse, &[f32]),
     p: &Vector3<f32>,
-    (vote, when): (&mut Votes, When),
+    (vote, by): (&mut Votes, Standpoint),
 ) {
     let Some(cell) = optics.cell_of(p) else {
         return;
@@ -206,10 +230,10 @@ fn cast_vote(
     let in_front = |near: f32| (near - p.z) / clear_of(near);
     let gap = in_front(slack_m[cell]);
     if gap > STRONG {
-        vote.strong(when);
+        vote.strong(by);
     } else if gap > WEAK {
-        vote.weak(when);
-    } else if in_front(near) < CONFIRMING && !witness.moving[cell] {
-        vote.confirm(when);
+        vote.weak(by);
+    } else if in_front(near) < CONFIRMING && !witness.moves_evidently(cell) {
+        vote.confirm(by);
     }
 }

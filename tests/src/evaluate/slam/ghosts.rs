@@ -62,18 +62,18 @@ impl Keyframes {
 
     /// Adds what the SLAM hands out; where it corrects itself, all before is forgotten.
     pub(super) fn add(&mut self, update: &DenseUpdate) -> anyhow::Result<()> {
-        let keyframes: Vec<_> = update
-            .keyframes
-            .iter()
-            .map(|k| (k.at, k.points().map(|(p, _)| p).collect()))
-            .collect();
-        self.write(update.anew, &keyframes)
+        let keyframes = update.keyframes.iter();
+        // One at a time: all of them take more memory than the SLAM, whose memory is measured.
+        self.write(
+            update.anew,
+            keyframes.map(|k| (k.at, k.points().map(|(p, _)| p).collect())),
+        )
     }
 
     fn write(
         &mut self,
         anew: bool,
-        keyframes: &[(Stamp, Vec<Point<Camera>>)],
+        keyframes: impl Iterator<Item = (Stamp, Vec<Point<Camera>>)>,
     ) -> anyhow::Result<()> {
         let mut write = || -> io::Result<()> {
             if anew {
