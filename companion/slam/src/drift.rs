@@ -103,6 +103,18 @@ mod tests {
     }
 
     #[test]
+    fn places_are_apart_by_what_the_way_between_them_adds() {
+        let of = |position_m2| Drift {
+            position_m2,
+            attitude_rad2: 0.0,
+        };
+        let (early, late) = (of(4e-4), of(13e-4));
+        assert!((early.apart_m(&late) - 0.03).abs() < 1e-12);
+        assert!((late.apart_m(&early) - 0.03).abs() < 1e-12);
+        assert!(late.apart_m(&late) < 1e-12);
+    }
+
+    #[test]
     fn uncertainty_adds_up_from_keyframe_to_keyframe() {
         let fit = Matrix6::from_diagonal(&[4e-6, 1e-6, 1e-6, 3e-8, 3e-8, 3e-8].into());
         let first = Drift::from_covariance(&Drift::default().widen(&fit));

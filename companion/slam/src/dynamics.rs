@@ -100,27 +100,8 @@ pub(crate) fn reject_moving(scene: &Scene<'_>, now: &mut Sighting, before: &Memo
             *label = Label::Certain;
         }
     }
-    let named = name(scene, now, (&labels, &counts), &recalled);
-    let margin = |masked: &mut dyn Iterator<Item = bool>| {
-        region::with_margin(optics, (pose, &now.coarse), masked)
-    };
-    let mut age = region::grow(optics, &now.coarse, &labels, pose);
-    let mut by_name = None;
-    if named.iter().any(Option::is_some) {
-        by_name = Some(Box::new(Named {
-            unmapped: margin(&mut named.iter().map(Option::is_some)),
-            evident: margin(&mut age.iter().map(Option::is_some)),
-        }));
-        for (label, named) in labels.iter_mut().zip(&named) {
-            // Somebody who has stood there for a while is as good as furniture until they move.
-            if named.is_some() && *label != Label::Confirmed {
-                *label = Label::Named;
-            }
-        }
-        age = region::grow(optics, &now.coarse, &labels, pose);
-    }
-    let moving = margin(&mut age.iter().map(Option::is_some));
-    (now.coarse.moving, now.coarse.named) = (moving, by_name);
+    let named = name(scene, now, (&mut labels, &counts), &recalled);
+    let age = mask(scene, now, labels, &named);
     let traces = age.iter().zip(named).zip(doubts);
     Memory {
         traces: traces
@@ -131,11 +112,44 @@ pub(crate) fn reject_moving(scene: &Scene<'_>, now: &mut Sighting, before: &Memo
     }
 }
 
-/// Frames since a detector saw something that moves at each cell: those of now, and those remembered.
+/// Grows the mask of a frame from the labels of its cells, and marks it there; frames since there was evidence, by cell.
+fn mask(
+    scene: &Scene<'_>,
+    now: &mut Sighting,
+    mut labels: Vec<Label>,
+    named: &[Option<u8>],
+) -> Vec<Option<u8>> {
+    let (optics, pose) = (scene.optics, scene.pose);
+    let coarse = &now.coarse;
+    let margin = |of: &[Option<u8>]| {
+        region::with_margin(optics, (pose, coarse), of.iter().map(Option::is_some))
+    };
+    let mut age = region::grow(optics, coarse, &labels, pose);
+    let mut by_name = None;
+    if named.iter().any(Option::is_some) {
+        by_name = Some(Box::new(Named {
+            unmapped: margin(named),
+            evident: margin(&age),
+        }));
+        for (label, named) in labels.iter_mut().zip(named) {
+            // Somebody who has stood there for a while is as good as furniture until they move.
+            if named.is_some() && *label != Label::Confirmed {
+                *label = Label::Named;
+            }
+        }
+        age = region::grow(optics, coarse, &labels, pose);
+    }
+    let moving = margin(&age);
+    (now.coarse.moving, now.coarse.named) = (moving, by_name);
+    age
+}
+
+/// Frames since a detector saw something that moves at each cell: those of now, and those remembered. Of what proves to
+/// move, all cells are certain.
 fn name(
     scene: &Scene<'_>,
     now: &Sighting,
-    (labels, counts): (&[Label], &[Count]),
+    (labels, counts): (&mut [Label], &[Count]),
     recalled: &[Trace],
 ) -> Vec<Option<u8>> {
     let remembered = |t: &Trace| t.named.filter(|&frames| frames <= NAMED);
@@ -150,10 +164,14 @@ fn name(
             Mobility::Static => continue,
             Mobility::Potential | Mobility::Dynamic => object::cells_of(&view, object, labels),
         };
-        let moves = object.mobility == Mobility::Dynamic || is_moving(&cells, labels, counts);
+        let is_proven = is_moving(&cells, labels, counts);
+        let moves = is_proven || object.mobility == Mobility::Dynamic;
         for cell in cells {
             // If it stands, what was remembered of it is no longer true.
             named[cell] = moves.then_some(0);
+            if is_proven && labels[cell] != Label::Confirmed {
+                labels[cell] = Label::Certain;
+            }
         }
     }
     named
@@ -188,6 +206,10 @@ pub(crate) fn reconsider(optics: &Optics, map: &mut Map, id: KeyframeId) -> Vec<
     let Some(k) = map.keyframes.get(&id) else {
         return Vec::new();
     };
+    if map.keyframes.len() == 1 {
+        // There is nobody to ask.
+        return Vec::new();
+    }
     let pose = k.world_from_camera;
     let frame = Judged {
         at: k.at,

@@ -259,3 +259,45 @@ pub(super) fn with_margin(
     }
     moving
 }
+
+#[cfg(test)]
+mod tests {
+    use maps::camera::Pinhole;
+
+    use super::*;
+
+    #[test]
+    fn a_patch_where_space_was_free_is_suspect_a_rim_and_a_drifted_view_are_not() {
+        let optics = Optics::new(Pinhole {
+            width: 640,
+            height: 480,
+            fx: 500.0,
+            fy: 500.0,
+            cx: 319.5,
+            cy: 239.5,
+            distortion: [0.0; 5],
+        });
+        let at = |column: usize, row: usize| row * optics.cells_across + column;
+        let suspect = |columns: usize, label: Label, sound: u8| {
+            let mut labels = vec![Label::Confirmed; optics.cell_count()];
+            for row in 20..40 {
+                for column in 50..50 + columns {
+                    labels[at(column, row)] = label;
+                }
+            }
+            let votes = vec![
+                Votes {
+                    sound,
+                    ..Votes::default()
+                };
+                labels.len()
+            ];
+            suspicion(&optics, &votes, &labels)[at(51, 30)]
+        };
+        assert!((suspect(6, Label::Strong, 1) - DOUBT_STRONG).abs() < 1e-6);
+        assert!((suspect(6, Label::Weak, 1) - DOUBT_WEAK).abs() < 1e-6);
+        assert!(suspect(2, Label::Strong, 1) < 1e-6, "as thin as a rim");
+        assert!(suspect(6, Label::Weak, 0) < 1e-6, "the frame has drifted");
+        assert!(suspect(6, Label::Unknown, 1) < 1e-6);
+    }
+}

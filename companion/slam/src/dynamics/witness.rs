@@ -33,12 +33,12 @@ pub(super) struct Votes {
     pub(super) confirm: u8,
     pub(super) weak: u8,
     pub(super) strong: u8,
-    /// Of the strong ones, those of the last seconds before anybody has confirmed the surface, and of the next ones after
-    /// all who have: somebody came, or left. What stands is not free at first and there later.
+    /// Of the strong ones, those of the last seconds before anybody has confirmed the surface: somebody came; or, in the
+    /// midst of others, of the next seconds after all who have: somebody left. What came and is confirmed later has stayed.
     pub(super) apart: u8,
     /// Of the weak ones, the strong ones included, those from which the frame has not drifted.
     pub(super) sound: u8,
-    confirmed_before: bool,
+    pub(super) confirmed_before: bool,
 }
 
 impl Votes {
@@ -111,17 +111,16 @@ impl Judged<'_> {
     }
 
     fn when(&self, at: Stamp) -> When {
-        let apart = if at < self.at {
-            self.at.since(at)
-        } else {
-            at.since(self.at)
-        };
         match () {
-            () if apart > RECENT => When::LongAgo,
+            () if between(at, self.at) > RECENT => When::LongAgo,
             () if at < self.at => When::Before,
             () => When::After,
         }
     }
+}
+
+fn between(a: Stamp, b: Stamp) -> Duration {
+    a.max(b).since(a.min(b))
 }
 
 /// What the keyframes that know most say about each cell of a frame.
@@ -166,14 +165,7 @@ fn choose(optics: &Optics, map: &Map, frame: &Judged<'_>) -> Vec<KeyframeId> {
             break;
         };
         let (_, at, informs) = candidates.swap_remove(best);
-        candidates.retain(|(_, other, _)| {
-            let apart = if *other < at {
-                at.since(*other)
-            } else {
-                other.since(at)
-            };
-            apart >= SPACING
-        });
+        candidates.retain(|(_, other, _)| between(*other, at) >= SPACING);
         for (count, _) in heard.iter_mut().zip(&informs).filter(|(_, i)| **i) {
             *count += 1;
         }
@@ -235,5 +227,63 @@ fn cast_vote(
         vote.weak(by);
     } else if in_front(near) < CONFIRMING && !witness.moves_evidently(cell) {
         vote.confirm(by);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// What witnesses say, in the order in which they looked: `f`ree, `c`onfirmed; `|` is the frame that is judged, and
+    /// capitals looked long ago.
+    fn heard(said: &str) -> Votes {
+        let mut votes = Votes::default();
+        let mut is_over = false;
+        for word in said.chars() {
+            let when = match word {
+                'F' | 'C' => When::LongAgo,
+                _ if is_over => When::After,
+                _ => When::Before,
+            };
+            let by = Standpoint {
+                when,
+                is_sound: when != When::LongAgo,
+            };
+            match word.to_ascii_lowercase() {
+                'f' => votes.strong(by),
+                'c' => votes.confirm(by),
+                _ => is_over = true,
+            }
+        }
+        votes
+    }
+
+    #[test]
+    fn who_came_and_who_left_are_told_by_the_order_of_the_witnesses() {
+        for (said, apart) in [
+            ("ffccc|", 2),
+            ("cfcfc|", 0),
+            ("cc|ff", 2),
+            ("ffc|c", 0),
+            ("ffc|cff", 2),
+            ("cc|fcf", 1),
+            ("ccc|", 0),
+        ] {
+            assert_eq!(heard(said).apart, apart, "{said}");
+        }
+    }
+
+    #[test]
+    fn the_order_of_what_was_seen_long_ago_tells_nothing_and_drift_is_no_evidence() {
+        let votes = heard("FFFcc|");
+        assert_eq!((votes.strong, votes.apart, votes.sound), (3, 0, 0));
+        assert_eq!(heard("CCff|").apart, 2, "what stood there then has gone");
+    }
+
+    #[test]
+    fn what_the_oldest_two_confirm_is_decided_unless_somebody_disagrees() {
+        assert!(heard("cc|").is_decided(4, true));
+        assert!(!heard("cc|").is_decided(4, false), "it may leave later");
+        assert!(!heard("fcc|").is_decided(4, true));
     }
 }

@@ -114,6 +114,23 @@ fn somebody_who_stands_still_from_the_start_is_kept_out_by_a_detector_at_ten_fra
 }
 
 #[test]
+fn somebody_who_stands_still_serves_tracking_once_witnesses_know_them() {
+    let person = |i| vec![object(Mobility::Dynamic, bounds(&STANDING, i, 4.0))];
+    let mut slam = slam();
+    let outcomes = run_with(&mut slam, (60, 1), |_| vec![TABLE, STANDING], person);
+    let [left, top, right, bottom] = bounds(&STANDING, 59, 0.0);
+    let overlay = slam.overlay();
+    let on_them = |p: &&[f32; 2]| (left..right).contains(&p[0]) && (top..bottom).contains(&p[1]);
+    let rejected = overlay.rejected.iter().filter(on_them).count();
+    let all = rejected + overlay.tracked.iter().filter(on_them).count();
+    assert!(
+        all > 10 && 4 * rejected < all,
+        "{rejected} of {all} rejected"
+    );
+    assert!(outcomes[59].moving_share > 0.02, "but they are not mapped");
+}
+
+#[test]
 fn somebody_who_stands_still_from_the_start_is_furniture_to_geometry() {
     let mut slam = slam();
     let outcomes = run(&mut slam, 60, |_| vec![TABLE, STANDING]);

@@ -75,7 +75,7 @@ impl Keyframes {
         anew: bool,
         keyframes: impl Iterator<Item = (Stamp, Vec<Point<Camera>>)>,
     ) -> anyhow::Result<()> {
-        let mut write = || -> io::Result<()> {
+        let write = || -> io::Result<()> {
             if anew {
                 self.file.rewind()?;
                 self.file.get_ref().set_len(0)?;
@@ -385,11 +385,15 @@ mod tests {
             let point = |i| Point::new(f64::from(i), 0.5, 2.0);
             (Stamp::from_nanos(nanos), (0..count).map(point).collect())
         };
-        keyframes.write(false, &[keyframe(4, 9)]).expect("written");
         keyframes
-            .write(true, &[keyframe(5, 3), keyframe(9, 0)])
+            .write(false, [keyframe(4, 9)].into_iter())
+            .expect("written");
+        keyframes
+            .write(true, [keyframe(5, 3), keyframe(9, 0)].into_iter())
             .expect("written anew");
-        keyframes.write(false, &[keyframe(11, 1)]).expect("written");
+        keyframes
+            .write(false, [keyframe(11, 1)].into_iter())
+            .expect("written");
         let mut read = Vec::new();
         keyframes
             .each(|at, points| read.push((at.as_nanos(), points.len())))

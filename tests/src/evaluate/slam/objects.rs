@@ -5,7 +5,7 @@
 //! ```
 //!
 //! One object a line: the stamp of its frame in seconds, its box in raw pixels, 0 to 1, and a name of COCO or of the
-//! simulator. `#` begins a comment. A frame that no line names was looked at and shows nothing.
+//! simulator. `#` begins a comment. A frame of which there is no line, or one with its stamp alone, shows nothing.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -28,14 +28,14 @@ impl Objects {
             if line.is_empty() {
                 continue;
             }
-            let (at, object) = object(line).with_context(|| {
+            let (at, object) = entry(line).with_context(|| {
                 format!(
                     "{}, line {}: expected `stamp left top right bottom score class`, found {line:?}",
                     path.display(),
                     index + 1
                 )
             })?;
-            frames.entry(millis(at)).or_default().push(object);
+            frames.entry(millis(at)).or_default().extend(object);
         }
         Ok(Self(frames))
     }
@@ -50,8 +50,12 @@ fn millis(at: Stamp) -> u64 {
     (at.as_nanos() + 500_000) / 1_000_000
 }
 
-fn object(line: &str) -> Option<(Stamp, Object)> {
+fn entry(line: &str) -> Option<(Stamp, Option<Object>)> {
     let words: Vec<&str> = line.split_whitespace().collect();
+    let stamp = |at: f64| Stamp::from_secs_f64(at).filter(|_| at.is_finite());
+    if let [alone] = words[..] {
+        return Some((stamp(alone.parse().ok()?)?, None));
+    }
     // A class may be of two words: `traffic light`.
     let (numbers, class) = words.split_at_checked(6)?;
     let mut values = [0.0_f64; 6];
@@ -68,7 +72,7 @@ fn object(line: &str) -> Option<(Stamp, Object)> {
         bounds_px: [left, top, right, bottom].map(|n| n as f32),
         mask: None,
     };
-    Some((Stamp::from_secs_f64(at)?, object))
+    Some((stamp(at)?, Some(object)))
 }
 
 /// Who moves by themselves, what may, and all the rest. Detectors of ours say so in a word before the class.
@@ -101,7 +105,7 @@ mod tests {
 
     #[test]
     fn a_frame_has_the_objects_of_its_stamp_and_others_have_none() {
-        let text = "# seen\n1.000033 10 20 30 40 0.9 person\n1.5 0 0 5 5 1 traffic light # red\n1.5 1 1 2 2 0.5 car\n1.5 1 1 2 2 0.5 moving person\n";
+        let text = "# seen\n1.000033 10 20 30 40 0.9 person\n1.5 0 0 5 5 1 traffic light # red\n1.5 1 1 2 2 0.5 car\n1.5 1 1 2 2 0.5 moving person\n3\n";
         let objects = read(text).expect("sound");
         let at = |nanos| objects.at(Stamp::from_nanos(nanos));
         assert_eq!(at(1_000_400_000).len(), 1, "to the millisecond");
@@ -114,6 +118,7 @@ mod tests {
             [Mobility::Static, Mobility::Potential, Mobility::Dynamic]
         );
         assert!(at(2_000_000_000).is_empty());
+        assert!(at(3_000_000_000).is_empty(), "looked at, and nothing seen");
     }
 
     #[test]
