@@ -44,7 +44,7 @@ pub struct Report {
     pub floor_found: Option<bool>,
     /// How high the first camera was taken to be above it.
     pub floor_below_m: Option<f64>,
-    /// Of the dense points, the share more than 0.25 m, and 5 % of its distance, beneath that floor: where it is large, a table was taken for it.
+    /// Of the dense points, the share more than 0.25 m beneath that floor: where it is large, a table was taken for it.
     pub beneath_floor_share: Option<f64>,
     /// Edge of a voxel.
     pub map_resolution_m: f64,

@@ -48,16 +48,13 @@ pub struct MapFigures {
 pub struct FloorFigures {
     /// What the floor was taken to be in the first frame.
     pub floor: Floor,
-    /// Of the dense points so far, those more than [`CLEARLY_BENEATH_M`] and [`CLEARLY_BENEATH_SHARE`] of their distance
-    /// below it; 0 to 1. A floor has next to none: where this is large, a table was taken for it, or the ground falls away.
+    /// Of the dense points so far, those more than [`CLEARLY_BENEATH_M`] below it; 0 to 1. A floor has next to none: where
+    /// this is large, a table was taken for it, or the ground falls away.
     pub beneath_share: f64,
 }
 
-/// Farther below the floor than this is no noise of the depth camera nearby.
+/// Farther below the floor than this is no noise of the depth camera.
 pub const CLEARLY_BENEATH_M: f64 = 0.25;
-/// Nor, of what is farther away, more than this part of the distance: there is more noise, and the floor is found a degree
-/// or two askew.
-pub const CLEARLY_BENEATH_SHARE: f64 = 0.05;
 /// A larger share of points beneath the floor says that it is none.
 const SUSPICIOUS_SHARE: f64 = 0.05;
 /// Fewer points say nothing.

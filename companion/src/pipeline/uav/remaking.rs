@@ -7,13 +7,12 @@
 
 use std::collections::{BTreeSet, VecDeque};
 
-use maps::frame::{Point, World};
 use maps::scan::Scan;
 use maps::tile::{Tile, TileId};
 use maps::voxel::{Rgb, Sources, VoxelMap};
 use slam::{DenseKeyframe, DenseUpdate};
 
-use super::{CLEARLY_BENEATH_M, CLEARLY_BENEATH_SHARE};
+use super::CLEARLY_BENEATH_M;
 
 /// Keyframes inserted at once, at most, into a map that is made anew.
 const AT_ONCE: usize = 2;
@@ -143,11 +142,7 @@ impl Filled {
             .points()
             .map(|(p, color)| (pose * p, Rgb(color)))
             .unzip();
-        let is_beneath = |p: &&Point<World>| {
-            let distance_m = (**p - pose.translation()).norm();
-            p.raw.z < -CLEARLY_BENEATH_M.max(CLEARLY_BENEATH_SHARE * distance_m)
-        };
-        let beneath = hits.iter().filter(is_beneath).count();
+        let beneath = hits.iter().filter(|p| p.raw.z < -CLEARLY_BENEATH_M).count();
         self.points.all += hits.len() as u64;
         self.points.beneath += beneath as u64;
         self.map.insert_scan(&Scan {
