@@ -39,7 +39,7 @@ pub struct Settings {
     pub features: usize,
     /// Nearer depth is not believed.
     pub min_depth_m: f64,
-    /// Farther depth is not believed.
+    /// Farther depth is not mapped; up to twice as far it tells what is free.
     pub max_depth_m: f64,
     /// Every how many pixels, along and across, a dense point is taken.
     pub dense_stride: usize,
@@ -53,7 +53,7 @@ pub struct Settings {
     pub sought_for: Duration,
     /// What is done about people and vehicles in view.
     pub moving: Moving,
-    /// Whether the map is adjusted in a thread of its own. The result is the same, bit for bit.
+    /// Whether the map is adjusted, and loops are sought, in threads of their own. The result is the same, bit for bit.
     pub threaded: bool,
     /// What is made of the frames that are kept.
     pub mapping: Mapping,

@@ -255,11 +255,11 @@ impl Walk {
 }
 
 #[cfg(test)]
-mod tests {
+pub(super) mod tests {
     use super::*;
     use maps::camera::Pinhole;
 
-    fn optics() -> Optics {
+    pub(in super::super) fn optics() -> Optics {
         Optics::new(Pinhole {
             width: 640,
             height: 480,

@@ -262,21 +262,12 @@ pub(super) fn with_margin(
 
 #[cfg(test)]
 mod tests {
-    use maps::camera::Pinhole;
-
     use super::*;
+    use crate::dynamics::features::tests::optics;
 
     #[test]
     fn a_patch_where_space_was_free_is_suspect_a_rim_and_a_drifted_view_are_not() {
-        let optics = Optics::new(Pinhole {
-            width: 640,
-            height: 480,
-            fx: 500.0,
-            fy: 500.0,
-            cx: 319.5,
-            cy: 239.5,
-            distortion: [0.0; 5],
-        });
+        let optics = optics();
         let at = |column: usize, row: usize| row * optics.cells_across + column;
         let suspect = |columns: usize, label: Label, sound: u8| {
             let mut labels = vec![Label::Confirmed; optics.cell_count()];
