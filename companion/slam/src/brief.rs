@@ -41,18 +41,28 @@ impl Descriptor {
 /// Pixels around a corner that its description looks at.
 pub(crate) const REACH: usize = 16;
 
-const DISC: isize = 15;
+const DISC: i16 = 15;
 const FARTHEST: f64 = 13.0;
 const SIGMA: f64 = 31.0 / 5.0;
 const TURNS: usize = 32;
 const SEED: u64 = 0x7461_6e64_656d;
 
-type Pair = [(i8, i8); 2];
+/// A row of the pixels that a description looks at: the corner's row, and 15 pixels on each side of it.
+const PATCH: usize = 32;
+
+/// Where in the patch two pixels lie that are compared.
+type Pair = [u16; 2];
+
+/// A row of the disc over which the centroid is taken: for each pixel of the patch, its column and 1, or 0 twice out of the disc.
+struct DiscRow {
+    columns: [i16; PATCH],
+    inside: [i16; PATCH],
+}
 
 /// The comparisons, turned in advance to each of 32 directions.
 pub(crate) struct Brief {
     turned: Vec<[Pair; 256]>,
-    half_widths: Vec<isize>,
+    disc: Vec<DiscRow>,
 }
 
 impl Brief {
@@ -63,30 +73,38 @@ impl Brief {
             let (sin, cos) = (TAU * turn as f64 / TURNS as f64).sin_cos();
             let rotate = |(x, y): (f64, f64)| {
                 let (u, v) = (cos * x - sin * y, sin * x + cos * y);
-                (u.round() as i8, v.round() as i8)
+                let from_corner = |w: f64| (w.round() + (REACH - 1) as f64) as usize;
+                (from_corner(v) * PATCH + from_corner(u)) as u16
             };
             std::array::from_fn(|i| pairs[i].map(rotate))
         });
-        let half_width = |y: isize| ((DISC * DISC - y * y) as f64).sqrt().floor() as isize;
+        let disc = (-DISC..=DISC).map(|y| {
+            let column = |i: usize| i as i16 - DISC;
+            let is_inside = |i: usize| column(i).pow(2) + y * y <= DISC * DISC;
+            let inside = std::array::from_fn(|i| i16::from(is_inside(i)));
+            DiscRow {
+                columns: std::array::from_fn(|i| column(i) * inside[i]),
+                inside,
+            }
+        });
         Self {
             turned: turned.collect(),
-            half_widths: (-DISC..=DISC).map(half_width).collect(),
+            disc: disc.collect(),
         }
     }
 
     /// The direction of the intensity centroid around a pixel at least [`REACH`] from the border, in radians.
     pub(crate) fn angle(&self, image: &Gray, x: usize, y: usize) -> f64 {
         let (mut m10, mut m01) = (0i32, 0i32);
-        for (dy, &half) in (-DISC..=DISC).zip(&self.half_widths) {
-            let row = image.row(y.saturating_add_signed(dy));
-            let part = &row[x.saturating_add_signed(-half)..=x.saturating_add_signed(half)];
-            let (mut sum, mut moment) = (0i32, 0i32);
-            for (&value, dx) in part.iter().zip(-half as i32..) {
-                sum += i32::from(value);
-                moment += dx * i32::from(value);
-            }
-            m10 += moment;
-            m01 += dy as i32 * sum;
+        let (left, top) = (x + 1 - REACH, y + 1 - REACH);
+        for (line, row) in self.disc.iter().enumerate() {
+            let part = &image.row(top + line)[left..left + PATCH];
+            let weigh = |weights: &[i16; PATCH]| -> i32 {
+                let pairs = part.iter().zip(weights);
+                pairs.map(|(&v, &w)| i32::from(v) * i32::from(w)).sum()
+            };
+            m10 += weigh(&row.columns);
+            m01 += (line as i32 - i32::from(DISC)) * weigh(&row.inside);
         }
         f64::from(m01).atan2(f64::from(m10))
     }
@@ -94,11 +112,13 @@ impl Brief {
     /// Describes a pixel at least [`REACH`] from the border of the smoothed image.
     pub(crate) fn describe(&self, smooth: &Gray, x: usize, y: usize, angle: f64) -> Descriptor {
         let turn = (angle.rem_euclid(TAU) / TAU * TURNS as f64).round() as usize % TURNS;
-        let stride = isize::try_from(smooth.width).unwrap_or(isize::MAX);
-        let center = y * smooth.width + x;
-        let value = |(dx, dy): (i8, i8)| {
-            smooth.pixels[center.saturating_add_signed(isize::from(dy) * stride + isize::from(dx))]
-        };
+        // Around the corner all distances are known in advance, and nothing is out of reach.
+        let mut patch = [0u8; PATCH * PATCH];
+        let (left, top) = (x + 1 - REACH, y + 1 - REACH);
+        for (line, row) in patch.chunks_exact_mut(PATCH).zip(top..y + REACH) {
+            line.copy_from_slice(&smooth.row(row)[left..left + PATCH]);
+        }
+        let value = |at: u16| patch[usize::from(at) % (PATCH * PATCH)];
         let mut bits = [0u64; 4];
         for (word, pairs) in bits.iter_mut().zip(self.turned[turn].chunks(64)) {
             for (i, &[a, b]) in pairs.iter().enumerate() {
@@ -175,13 +195,13 @@ mod tests {
 
     #[test]
     fn the_comparisons_stay_within_reach() {
-        let widest = Brief::new()
-            .turned
-            .iter()
-            .flatten()
-            .flatten()
-            .map(|&(x, y)| x.unsigned_abs().max(y.unsigned_abs()))
-            .max();
-        assert!(widest.is_some_and(|w| usize::from(w) < REACH), "{widest:?}");
+        let brief = Brief::new();
+        let pixels = brief.turned.iter().flatten().flatten();
+        let places = pixels.map(|&at| [usize::from(at) % PATCH, usize::from(at) / PATCH]);
+        let (least, most) = places.flatten().fold((PATCH, 0), |(least, most), at| {
+            (least.min(at), most.max(at))
+        });
+        // What lay before the patch would have been drawn in to its rim.
+        assert!(least > 0 && most < PATCH - 1, "{least} to {most}");
     }
 }

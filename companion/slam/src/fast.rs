@@ -12,7 +12,7 @@ use crate::pyramid::Gray;
 pub(crate) struct Corner {
     pub(crate) x: usize,
     pub(crate) y: usize,
-    /// The highest threshold at which it is still a corner.
+    /// By how many grey levels nine neighbours in a row differ at least: below that threshold it is a corner.
     pub(crate) score: u8,
 }
 
@@ -26,45 +26,48 @@ pub(crate) struct Thresholds {
 const CELL: usize = 32;
 /// Pixels that are looked at together.
 const LANES: usize = 16;
-const CIRCLE: [(isize, isize); 16] = [
-    (0, -3),
-    (1, -3),
-    (2, -2),
-    (3, -1),
+/// Of the circle.
+const RADIUS: usize = 3;
+/// From the left and from the top of the square around it.
+const CIRCLE: [(usize, usize); 16] = [
     (3, 0),
-    (3, 1),
-    (2, 2),
-    (1, 3),
+    (4, 0),
+    (5, 1),
+    (6, 2),
+    (6, 3),
+    (6, 4),
+    (5, 5),
+    (4, 6),
+    (3, 6),
+    (2, 6),
+    (1, 5),
+    (0, 4),
     (0, 3),
-    (-1, 3),
-    (-2, 2),
-    (-3, 1),
-    (-3, 0),
-    (-3, -1),
-    (-2, -2),
-    (-1, -3),
+    (0, 2),
+    (1, 1),
+    (2, 0),
 ];
 
 /// Finds corners at least `margin` (3 or more) pixels from the border, strongest of each 3 x 3 only, row by row.
 pub(crate) fn corners(image: &Gray, margin: usize, thresholds: Thresholds) -> Vec<Corner> {
-    let margin = margin.max(3);
+    let margin = margin.max(RADIUS);
     if image.width <= 2 * margin || image.height <= 2 * margin {
         return Vec::new();
     }
     let mut search = Search::new(image);
     let (right, bottom) = (image.width - margin, image.height - margin);
-    let cells_across = (right - margin).div_ceil(CELL);
-    let mut hits = vec![0u32; cells_across * (bottom - margin).div_ceil(CELL)];
     for y in margin..bottom {
-        for x in search.row(y, margin..right, thresholds.strict) {
-            hits[(y - margin) / CELL * cells_across + (x - margin) / CELL] += 1;
-        }
+        search.row(y, margin..right, thresholds.strict);
     }
-    for (cell, _) in hits.iter().enumerate().filter(|&(_, &count)| count == 0) {
-        let left = margin + cell % cells_across * CELL;
-        let top = margin + cell / cells_across * CELL;
-        for y in top..(top + CELL).min(bottom) {
-            search.row(y, left..(left + CELL).min(right), thresholds.lenient);
+    for top in (margin..bottom).step_by(CELL) {
+        for left in (margin..right).step_by(CELL) {
+            let rows = top..(top + CELL).min(bottom);
+            let columns = left..(left + CELL).min(right);
+            if search.is_empty(rows.clone(), columns.clone()) {
+                for y in rows {
+                    search.row(y, columns.clone(), thresholds.lenient);
+                }
+            }
         }
     }
     search.strongest()
@@ -72,68 +75,67 @@ pub(crate) fn corners(image: &Gray, margin: usize, thresholds: Thresholds) -> Ve
 
 struct Search<'a> {
     image: &'a Gray,
-    offsets: [isize; 16],
+    /// By pixel, what [`Corner::score`] says; 0 where there is no corner.
     scores: Vec<u8>,
-    found: Vec<usize>,
     candidates: Vec<u8>,
 }
 
+/// By which side of the threshold a pixel may be a corner.
+const BRIGHT: u8 = 1;
+const DARK: u8 = 2;
+
 impl<'a> Search<'a> {
     fn new(image: &'a Gray) -> Self {
-        let stride = isize::try_from(image.width).unwrap_or(isize::MAX);
         Self {
             image,
-            offsets: CIRCLE.map(|(dx, dy)| dy * stride + dx),
             scores: vec![0; image.pixels.len()],
-            found: Vec::new(),
             candidates: Vec::new(),
         }
     }
 
-    /// Records the corners of part of a row; returns their columns.
-    fn row(&mut self, y: usize, columns: std::ops::Range<usize>, threshold: u8) -> Vec<usize> {
+    /// Records the corners of part of a row.
+    fn row(&mut self, y: usize, columns: std::ops::Range<usize>, threshold: u8) {
         self.mark_candidates(y, columns.clone(), threshold);
-        let mut found = Vec::new();
         for (i, chunk) in self.candidates.chunks(LANES).enumerate() {
-            if chunk.iter().fold(0, |any, &c| any | c) == 0 {
+            let sides = chunk.iter().fold(0, |any, &c| any | c);
+            if sides == 0 {
                 continue;
             }
             let at = y * self.image.width + columns.start + LANES * i;
-            let corner = self.arcs(at, threshold);
-            for (j, _) in corner[..chunk.len()]
-                .iter()
-                .enumerate()
-                .filter(|&(_, &c)| c != 0)
-            {
-                self.scores[at + j] = self.score(at + j);
-                self.found.push(at + j);
-                found.push(columns.start + LANES * i + j);
+            let strengths = self.strengths(at, sides);
+            for (score, strength) in self.scores[at..].iter_mut().zip(&strengths[..chunk.len()]) {
+                *score = if *strength > threshold { *strength } else { 0 };
             }
         }
-        found
     }
 
-    /// Which of the pixels from `at` on are corners. Loops over neighbouring pixels vectorise: 16 of them take hardly
-    /// longer than one. Near the end of the image the last ones are not looked at; the margin keeps them out anyway.
-    fn arcs(&self, at: usize, threshold: u8) -> [u8; LANES] {
-        let lanes = |offset: isize| -> [u8; LANES] {
-            let from = at.saturating_add_signed(offset);
-            let part = self.image.pixels.get(from..from + LANES);
-            part.and_then(|p| p.try_into().ok())
-                .unwrap_or_else(|| self.ragged(from))
-        };
-        let center = lanes(0);
-        let above = center.map(|c| c.saturating_add(threshold));
-        let below = center.map(|c| c.saturating_sub(threshold));
-        let ring = self.offsets.map(lanes);
-        let longest_bright = longest_run(|k, i| ring[k][i] > above[i]);
-        let longest_dark = longest_run(|k, i| ring[k][i] < below[i]);
-        std::array::from_fn(|i| u8::from(longest_bright[i].max(longest_dark[i]) >= 9))
-    }
-
-    /// The pixels from here to the end of the image, and black ones after it.
-    fn ragged(&self, from: usize) -> [u8; LANES] {
-        std::array::from_fn(|i| self.image.pixels.get(from + i).copied().unwrap_or(0))
+    /// How far nine neighbours in a row, on one of these sides, differ at least from each of the pixels from `at` on. Loops over
+    /// neighbouring pixels vectorise: 16 of them take hardly longer than one. Near the end of the image the last ones
+    /// are not looked at; the margin keeps them out anyway.
+    fn strengths(&self, at: usize, sides: u8) -> Lanes {
+        let (width, pixels) = (self.image.width, &self.image.pixels);
+        let from = at - RADIUS * width - RADIUS;
+        let mut center = [0; LANES];
+        read(&mut center, pixels, at);
+        let mut ring = [[0; LANES]; 16];
+        for (neighbours, &(dx, dy)) in ring.iter_mut().zip(&CIRCLE) {
+            read(neighbours, pixels, from + dy * width + dx);
+        }
+        let mut best = [0; LANES];
+        if sides & BRIGHT != 0 {
+            let mut brighter = ring;
+            for neighbours in &mut brighter {
+                *neighbours = join(neighbours, &center, u8::saturating_sub);
+            }
+            best = weakest_of_best_arc(&brighter);
+        }
+        if sides & DARK != 0 {
+            for neighbours in &mut ring {
+                *neighbours = join(&center, neighbours, u8::saturating_sub);
+            }
+            best = join(&best, &weakest_of_best_arc(&ring), u8::max);
+        }
+        best
     }
 
     /// Nine in a row cover at least one end of each diameter, all on the same side of the threshold: two diameters are
@@ -153,25 +155,21 @@ impl<'a> Search<'a> {
             let darkest = u.min(d).max(l.min(r));
             let is_bright = brightest > c.saturating_add(threshold);
             let is_dark = darkest < c.saturating_sub(threshold);
-            *mark = u8::from(is_bright) | u8::from(is_dark);
+            *mark = BRIGHT * u8::from(is_bright) | DARK * u8::from(is_dark);
         }
     }
 
-    /// The highest threshold at which a corner still is one.
-    fn score(&self, at: usize) -> u8 {
-        let center = i16::from(self.image.pixels[at]);
-        let mut difference = [0i16; 16];
-        for (d, &o) in difference.iter_mut().zip(&self.offsets) {
-            *d = i16::from(self.image.pixels[at.saturating_add_signed(o)]) - center;
-        }
-        let bright = weakest_of_best_arc(&difference);
-        let dark = weakest_of_best_arc(&difference.map(|d| -d));
-        bright.max(dark).clamp(1, 255) as u8
+    /// Whether no corner is recorded there.
+    fn is_empty(&self, rows: std::ops::Range<usize>, columns: std::ops::Range<usize>) -> bool {
+        let width = self.image.width;
+        rows.into_iter().all(|y| {
+            let part = &self.scores[y * width + columns.start..y * width + columns.end];
+            part.iter().fold(0, |any, &score| any | score) == 0
+        })
     }
 
     /// Those that beat their eight neighbours; of equals, the first.
-    fn strongest(mut self) -> Vec<Corner> {
-        self.found.sort_unstable();
+    fn strongest(&self) -> Vec<Corner> {
         let (width, scores) = (self.image.width, &self.scores);
         let is_peak = |at: usize| {
             let score = scores[at];
@@ -179,42 +177,67 @@ impl<'a> Search<'a> {
             let after = [at + 1, at + width - 1, at + width, at + width + 1];
             before.iter().all(|&n| scores[n] < score) && after.iter().all(|&n| scores[n] <= score)
         };
-        self.found
-            .iter()
-            .filter(|&&at| is_peak(at))
-            .map(|&at| Corner {
-                x: at % width,
-                y: at / width,
-                score: scores[at],
-            })
-            .collect()
-    }
-}
-
-/// Of each lane, the most neighbours in a row, around the circle, for which `holds`.
-fn longest_run(holds: impl Fn(usize, usize) -> bool) -> [u8; LANES] {
-    let mut run = [0u8; LANES];
-    let mut longest = [0u8; LANES];
-    // A run that ends at the last neighbour but eight and goes on at the first is seen in the second round.
-    for k in 0..24 {
-        for i in 0..LANES {
-            let counts = if holds(k % 16, i) { 0xff } else { 0 };
-            run[i] = (run[i] + 1) & counts;
-            longest[i] = longest[i].max(run[i]);
+        let mut strongest = Vec::new();
+        for (i, chunk) in scores.chunks(LANES).enumerate() {
+            if chunk.iter().fold(0, |any, &score| any | score) == 0 {
+                continue;
+            }
+            let found = (LANES * i..).zip(chunk).filter(|(_, score)| **score > 0);
+            strongest.extend(
+                found
+                    .filter(|&(at, _)| is_peak(at))
+                    .map(|(at, &score)| Corner {
+                        x: at % width,
+                        y: at / width,
+                        score,
+                    }),
+            );
         }
+        strongest
     }
-    longest
 }
 
-fn weakest_of_best_arc(difference: &[i16; 16]) -> i16 {
-    let least = |of: &[i16; 16], step: usize| -> [i16; 16] {
-        std::array::from_fn(|i| of[i].min(of[(i + step) % 16]))
-    };
-    let eight = least(&least(&least(difference, 1), 2), 4);
-    (0..16)
-        .map(|i| eight[i].min(difference[(i + 8) % 16]))
-        .max()
-        .unwrap_or(0)
+/// A value for each of neighbouring pixels.
+type Lanes = [u8; LANES];
+
+/// Reads the pixels from there on; what is after the end stays as it is.
+#[inline]
+fn read(lanes: &mut Lanes, pixels: &[u8], from: usize) {
+    match pixels.get(from..).and_then(<[u8]>::first_chunk) {
+        Some(all) => lanes.copy_from_slice(all as &Lanes),
+        None => read_last(lanes, pixels.get(from..).unwrap_or_default()),
+    }
+}
+
+#[cold]
+#[inline(never)]
+fn read_last(lanes: &mut Lanes, pixels: &[u8]) {
+    lanes[..pixels.len()].copy_from_slice(pixels);
+}
+
+#[inline]
+fn join(a: &Lanes, b: &Lanes, by: impl Fn(u8, u8) -> u8) -> Lanes {
+    std::array::from_fn(|i| by(a[i], b[i]))
+}
+
+/// Of each lane, the least of nine neighbours in a row around the circle, for the nine of which that is most. Eight in a row from
+/// every second neighbour on make nine with the one before them or the one after.
+fn weakest_of_best_arc(ring: &[Lanes; 16]) -> Lanes {
+    let least = |a: &Lanes, b: &Lanes| join(a, b, u8::min);
+    let (mut two, mut four) = ([[0; LANES]; 8], [[0; LANES]; 8]);
+    for k in 0..8 {
+        two[k] = least(&ring[2 * k + 1], &ring[(2 * k + 2) % 16]);
+    }
+    for k in 0..8 {
+        four[k] = least(&two[k], &two[(k + 1) % 8]);
+    }
+    let mut best = [0; LANES];
+    for k in 0..8 {
+        let eight = least(&four[k], &four[(k + 2) % 8]);
+        let ninth = join(&ring[2 * k], &ring[(2 * k + 9) % 16], u8::max);
+        best = join(&best, &least(&eight, &ninth), u8::max);
+    }
+    best
 }
 
 #[cfg(test)]
@@ -265,24 +288,31 @@ mod tests {
             .into_iter()
             .flat_map(|l| (0..16).map(move |s| (l, s)))
         {
-            let is_set = |k: usize| (k + 16 - start) % 16 < length;
-            let longest = longest_run(|k, lane| lane == 3 && is_set(k));
-            let expected = if length == 16 { 24 } else { length };
-            assert_eq!(usize::from(longest[3]), expected, "{length} from {start}");
-            assert_eq!(longest[4], 0, "lanes do not mix");
+            let value = |k: usize| {
+                if (k + 16 - start) % 16 < length {
+                    70
+                } else {
+                    3
+                }
+            };
+            let ring = std::array::from_fn(|k| {
+                std::array::from_fn(|lane| if lane == 3 { value(k) } else { 0 })
+            });
+            let weakest = weakest_of_best_arc(&ring);
+            let expected = if length >= 9 { 70 } else { 3 };
+            assert_eq!(weakest[3], expected, "{length} from {start}");
+            assert_eq!(weakest[4], 0, "lanes do not mix");
         }
     }
 
-    /// By the definition, one pixel after the other.
-    fn is_corner(image: &Gray, x: usize, y: usize, threshold: u8) -> bool {
+    /// By the definition, one pixel after the other: by how much all of some nine in a row differ on the same side.
+    fn strength(image: &Gray, x: usize, y: usize) -> u8 {
         let center = i16::from(image.row(y)[x]);
-        let ring = CIRCLE.map(|(dx, dy)| {
-            i16::from(image.row(y.saturating_add_signed(dy))[x.saturating_add_signed(dx)]) - center
-        });
-        let arc = |sign: i16| {
-            (0..16).any(|from| (0..9).all(|k| sign * ring[(from + k) % 16] > i16::from(threshold)))
-        };
-        arc(1) || arc(-1)
+        let ring =
+            CIRCLE.map(|(dx, dy)| i16::from(image.row(y + dy - RADIUS)[x + dx - RADIUS]) - center);
+        let arc = |sign: i16, from: usize| (0..9).map(|k| sign * ring[(from + k) % 16]).min();
+        let arcs = (0..16).flat_map(|from| [arc(1, from), arc(-1, from)]);
+        arcs.flatten().max().map_or(0, |best| best.max(0) as u8)
     }
 
     proptest! {
@@ -293,9 +323,13 @@ mod tests {
         ) {
             let image = Gray { width: 45, height: 9, pixels };
             for y in [3, 4, 5] {
-                let found = Search::new(&image).row(y, 3..42, threshold);
-                let expected: Vec<usize> = (3..42).filter(|&x| is_corner(&image, x, y, threshold)).collect();
-                prop_assert_eq!(found, expected);
+                let mut search = Search::new(&image);
+                search.row(y, 3..42, threshold);
+                for x in 3..42 {
+                    let strength = strength(&image, x, y);
+                    let expected = if strength > threshold { strength } else { 0 };
+                    prop_assert_eq!(search.scores[y * 45 + x], expected);
+                }
             }
         }
     }

@@ -85,9 +85,11 @@ impl Gray {
                     + u16::from(e);
             }
             let row = &mut out.pixels[y * self.width + 2..(y + 1) * self.width - 2];
-            for (pixel, s) in row.iter_mut().zip(column.windows(5)) {
+            let [_, second, third, fourth, fifth] = [0, 1, 2, 3, 4].map(|from| &column[from..]);
+            let taps = column.iter().zip(second).zip(third).zip(fourth).zip(fifth);
+            for (pixel, ((((&a, &b), &c), &d), &e)) in row.iter_mut().zip(taps) {
                 // At most 16 * 16 * 255 = 65 280: the sum fits, and so does half of it more in the rounding below.
-                let sum = s[0] + 4 * (s[1] + s[3]) + 6 * s[2] + s[4];
+                let sum = a + 4 * (b + d) + 6 * c + e;
                 *pixel = (sum.saturating_add(128) >> 8) as u8;
             }
         }
