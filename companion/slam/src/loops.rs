@@ -375,6 +375,8 @@ pub(crate) fn graph(map: &Map, tracked: [f64; 2]) -> (Vec<KeyframeId>, PoseGraph
 /// Standard deviations of a recognised pose.
 const LOOP_M: f64 = 0.02;
 const LOOP_RAD: f64 = 0.01;
+/// Of a tracked edge at least, where a loop shows a drift.
+const LEAST_DRIFT: [f64; 2] = [0.005, 0.002];
 /// Of a step that was not tracked.
 const UNTRACKED_M: f64 = 10.0;
 const UNTRACKED_RAD: f64 = 3.0;
@@ -388,9 +390,9 @@ pub(crate) fn drift_of(map: &Map, newest: &Sameness) -> [f64; 2] {
     let between = map.keyframes.range(newest.then..=newest.now).count();
     let off = newest.pose_before.inverse() * newest.pose;
     per_edge(
-        off.translation.vector.norm(),
-        off.rotation.angle(),
+        [off.translation.vector.norm(), off.rotation.angle()],
         between.saturating_sub(1),
+        LEAST_DRIFT,
     )
 }
 
@@ -398,12 +400,16 @@ pub(crate) fn drift_of(map: &Map, newest: &Sameness) -> [f64; 2] {
 pub(crate) fn usual_drift(map: &Map) -> [f64; 2] {
     let newest = map.keyframes.values().next_back();
     let [position_m, attitude_rad] = newest.map_or([0.0; 2], |k| k.drift.sigmas());
-    per_edge(position_m, attitude_rad, map.keyframes.len())
+    per_edge(
+        [position_m, attitude_rad],
+        map.keyframes.len(),
+        [1e-3, 2e-4],
+    )
 }
 
-fn per_edge(off_m: f64, off_rad: f64, edges: usize) -> [f64; 2] {
+fn per_edge(off: [f64; 2], edges: usize, least: [f64; 2]) -> [f64; 2] {
     let share = (edges.max(1) as f64).sqrt().recip();
-    [(off_m * share).max(0.005), (off_rad * share).max(0.002)]
+    [0, 1].map(|i| (off[i] * share).max(least[i]))
 }
 
 fn information([sigma_m, sigma_rad]: [f64; 2]) -> Matrix6<f64> {

@@ -44,7 +44,7 @@ impl Map {
     }
 
     /// The keyframe itself, or the one that is left of those tracked next to it.
-    fn nearest_kept(&self, id: KeyframeId) -> Option<KeyframeId> {
+    pub(crate) fn nearest_kept(&self, id: KeyframeId) -> Option<KeyframeId> {
         let before = self.keyframes.range(..=id).next_back().map(|(k, _)| *k);
         let after = self.keyframes.range(id..).next().map(|(k, _)| *k);
         let (Some(earlier), Some(later)) = (before, after) else {
