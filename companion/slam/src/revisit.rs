@@ -11,7 +11,8 @@ use std::collections::BTreeMap;
 use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion};
 use rand_pcg::Pcg64;
 
-use crate::map::{KeyframeId, Map, PointId};
+use crate::loops::AROUND;
+use crate::map::{Excerpt, KeyframeId, Map, PointId};
 use crate::matching::{expected_points, match_descriptions};
 use crate::optics::Optics;
 use crate::relocalise::consensus_of;
@@ -25,6 +26,9 @@ const FEWEST_PAIRS: usize = 30;
 /// Drift within a few seconds: larger corrections are mistakes.
 const LARGEST_M: f64 = 0.3;
 const LARGEST_RAD: f64 = 0.2;
+
+/// So many of the window's last keyframes are tied to the old place.
+const TIED: usize = 3;
 
 /// A feature and the point it shows.
 type Pair = (usize, PointId);
@@ -59,6 +63,12 @@ pub(crate) fn correct_drift(
             Some(copy) => map.merge(copy, point),
             None => map.attach(newest, feature, point),
         }
+    }
+    // The last ones are tied to the old place as well: bundle adjustment would turn back what one keyframe alone says.
+    let around = map.around(old, AROUND);
+    for &id in window.iter().rev().take(TIED) {
+        let there = Excerpt::new(map, &around);
+        map.fuse(optics, id, &there);
     }
 }
 

@@ -11,6 +11,7 @@
 //!   the TUM benchmark's tool has it. Bonn's truth is of a marker body beside the camera, so that its relative error holds the
 //!   lever between them.
 //! - `drift_percent`, `end_percent`: see [`maps::trajectory::drift`], over stretches of 100 m, of paths of at least 150 m.
+//! - `nees`, `nees_likely_share`: whether poses are as far off as they are said to be, of simulated cases: see [`honesty`].
 //! - `fps`, `p50_ms`, `p99_ms` on the wall; `cpu_ms` of all threads, a frame; `peak_mb`: resident memory. Reading and
 //!   decoding pictures is left out of the times.
 //! - `ghost_voxels`, `ghost_share`, and `ghost_people_…` of people alone: see [`ghosts`]; the shares are of what
@@ -19,6 +20,7 @@
 mod film;
 mod flight;
 mod ghosts;
+mod honesty;
 mod job;
 mod judge;
 mod meter;

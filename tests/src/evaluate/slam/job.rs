@@ -22,6 +22,7 @@ use sitl::scene::{Name, Scene};
 use slam::{Aid, Slam, State};
 
 use super::ghosts::{Hit, Keyframes, hit_by_movers};
+use super::honesty::{self, Told};
 use super::meter::{Meter, peak_mb};
 use super::methods::Method;
 use super::objects::Objects;
@@ -140,6 +141,9 @@ pub(super) struct Measured {
     /// How far the poses are off that were told at once, where truth is known: this file has them.
     #[serde(default)]
     pub(super) live: Option<PathBuf>,
+    /// How far off each of those poses was said to be, if the method tells: this file has it.
+    #[serde(default)]
+    pub(super) told: Option<PathBuf>,
     /// Of simulated scenes.
     #[serde(default)]
     pub(super) hit_by_movers: Option<Vec<Hit>>,
@@ -194,6 +198,8 @@ struct Work {
         Stamp,
         maps::frame::Isometry<maps::frame::World, maps::frame::Camera>,
     )>,
+    /// The covariances of those.
+    told: Told,
     resets: u32,
     /// Of simulated scenes, for ghosts.
     keyframes: Option<Keyframes>,
@@ -219,6 +225,7 @@ impl Work {
             meter: Meter::start(),
             lines: Vec::new(),
             live: Vec::new(),
+            told: Vec::new(),
             resets: 0,
             keyframes: keyframes.transpose()?,
         })
@@ -239,6 +246,7 @@ impl Work {
         let is_tracked = tracked.state == State::Tracking;
         if is_tracked {
             self.live.push((frame.at, tracked.world_from_camera));
+            self.told.push((frame.at, tracked.covariance));
         }
         self.resets = tracked.reset_counter;
         self.lines.push(Line {
@@ -267,6 +275,7 @@ impl Work {
         };
         write("txt", tum::format(&trajectory))?;
         write("live.txt", tum::format(&Trajectory::new(self.live)?))?;
+        honesty::write(&job.file("covariances.txt"), &self.told)?;
         write_lines(&job.file("csv"), &self.lines)?;
         let hit_by_movers = match (self.keyframes, &job.shown) {
             (Some(mut keyframes), Some(shown)) => {
@@ -289,6 +298,7 @@ impl Work {
             peak_mb,
             resets: Some(self.resets),
             live: Some(job.file("live.txt")),
+            told: Some(job.file("covariances.txt")),
             hit_by_movers,
         };
         write("json", serde_json::to_string(&measured)?)

@@ -86,13 +86,14 @@ impl Row {
 
 /// What people read: the figures that matter, of all rows.
 pub(super) fn table(rows: &[Row]) -> Table {
-    let columns: [(&str, &str, usize); 13] = [
+    let columns: [(&str, &str, usize); 14] = [
         ("ATE m", "ate_rmse_m", 4),
         ("at once", "ate_live_m", 4),
         ("RPE m", "rpe_trans_m", 4),
         ("RPE 1 s", "rpe_1s_trans_m", 4),
         ("path m", "path_m", 1),
         ("drift %", "drift_percent", 2),
+        ("NEES", "nees", 2),
         ("tracked", "tracked_share", 3),
         ("fps", "fps", 1),
         ("p99 ms", "p99_ms", 1),

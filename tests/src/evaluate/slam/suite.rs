@@ -13,6 +13,7 @@ use sitl::scene::Name;
 use super::super::make_folder;
 use super::film;
 use super::ghosts::{self, Hit};
+use super::honesty;
 use super::job::{Job, Lens, Measured, Shown};
 use super::judge::{self, Row};
 use super::methods::{Method, STATIC};
@@ -197,7 +198,12 @@ impl Suite<'_> {
         if let Some(truth) = &ready.truth {
             figures.extend(judge::accuracy(truth, &read(&job.file("txt"))?));
             if let Some(live) = &measured.live {
-                let live = judge::accuracy(truth, &read(live)?);
+                let live = read(live)?;
+                // Of recordings, the truth is not known better than the pose, or is of a body beside the camera.
+                if let (Some(told), Some(_)) = (&measured.told, &job.shown) {
+                    figures.extend(honesty::figures(truth, &live, &honesty::read(told)?));
+                }
+                let live = judge::accuracy(truth, &live);
                 let ate = live.into_iter().find(|(key, _)| *key == "ate_rmse_m");
                 figures.extend(ate.map(|(_, value)| ("ate_live_m", value)));
             }
