@@ -28,8 +28,8 @@ use maps::time::Stamp;
 use maps::trajectory::evaluation::{self, Alignment, Delta, Tool};
 use maps::trajectory::{Trajectory, tum};
 use slam::{
-    Aid, DenseKeyframe, DenseUpdate, Mapping, Mobility, Moving, Object, Settings, Slam, Stage,
-    State, Tracked,
+    Aid, DenseKeyframe, DenseUpdate, Mapping, Mobility, Moving, Object, Seen, Settings, Slam,
+    Stage, State, Tracked,
 };
 
 #[path = "../benches/tum/mod.rs"]
@@ -151,8 +151,12 @@ fn main() -> Result<()> {
         recording::frames(&arguments.folder, arguments.depth_factor)?.take(arguments.frames);
     for (i, frame) in frames.enumerate() {
         let frame = frame?;
+        let objects = arguments.objects.get(&frame.at);
         let aid = Aid {
-            objects: arguments.objects.get(&frame.at).map(Vec::as_slice),
+            objects: objects.map(|objects| Seen {
+                of: frame.at,
+                objects,
+            }),
             ..Aid::default()
         };
         stages.start();

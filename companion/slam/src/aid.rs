@@ -1,8 +1,11 @@
 //! What may be known of a frame beside its images: by a gyroscope, a detector, a satellite receiver. Nothing of it is
 //! needed; what is there helps.
 
+use maps::evidence;
 use maps::time::Stamp;
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
+
+use crate::dynamics::NAMED;
 
 /// What else is known of a frame.
 #[derive(Clone, Copy, Debug, Default)]
@@ -10,10 +13,27 @@ pub struct Aid<'a> {
     /// How the camera has turned since the frame before: `last_camera_from_this_camera`, integrated from a gyroscope and
     /// turned into the camera's axes.
     pub turned: Option<UnitQuaternion<f64>>,
-    /// What a detector sees in this frame; `None` where no detector has looked, an empty list where it has found nothing.
-    pub objects: Option<&'a [Object]>,
+    /// What a detector has answered since the frame before; `None` where it has not.
+    pub objects: Option<Seen<'a>>,
     /// Where the vehicle was, by a satellite receiver.
     pub position: Option<Fix>,
+}
+
+/// What a detector sees in one frame: this one, or one of the last [`Seen::KEPT`] that were tracked. What it says of that
+/// one is carried to where it is seen now, and out of the keyframes made since. Answers come in the order of their frames; one
+/// of a frame that is not kept, or older than one that was heard, changes nothing and is counted:
+/// [`Slam::unheard`](crate::Slam::unheard). [`Moving::Paper`](crate::Moving::Paper) hears of this frame alone.
+#[derive(Clone, Copy, Debug)]
+pub struct Seen<'a> {
+    /// When the frame was taken in which the detector has looked.
+    pub of: Stamp,
+    /// What is in it; empty where it has found nothing.
+    pub objects: &'a [Object],
+}
+
+impl Seen<'_> {
+    /// How many tracked frames late an answer may be, at most: so long is an object known again without one.
+    pub const KEPT: usize = NAMED as usize;
 }
 
 /// Whether something can move, by what it is.
@@ -25,6 +45,17 @@ pub enum Mobility {
     Potential,
     /// It moves by itself: a person, an animal.
     Dynamic,
+}
+
+/// What is not classified is taken to stay.
+impl From<evidence::Mobility> for Mobility {
+    fn from(mobility: evidence::Mobility) -> Self {
+        match mobility {
+            evidence::Mobility::Unknown | evidence::Mobility::Static => Self::Static,
+            evidence::Mobility::Movable => Self::Potential,
+            evidence::Mobility::Moving => Self::Dynamic,
+        }
+    }
 }
 
 /// An object that a detector sees in a frame. One whose box is empty or not finite, or whose score is not a number, is

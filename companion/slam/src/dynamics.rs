@@ -18,7 +18,8 @@
 //! Cells that clearly violate free space, whose features move, or that are an object's are seeds; from them the mask grows
 //! over depth-connected cells that violate free space weakly or of which nothing is known, never over those that a
 //! keyframe confirms ([`region`]). The mask of the frame before is carried along ([`memory`]), so that somebody who stands
-//! still before unknown background stays masked for a while, and a detector need not look at every frame.
+//! still before unknown background stays masked for a while, and a detector need not look at every frame. It may answer a few
+//! frames late, too: the last frames are kept, named as they should have been, and carried along anew ([`history`]).
 //!
 //! While the camera turns fast, depth and colour are displaced against each other; both what counts as free and the
 //! margin around the mask allow for it.
@@ -28,6 +29,7 @@
 
 mod epipolar;
 mod features;
+mod history;
 mod memory;
 mod object;
 mod paper;
@@ -38,23 +40,21 @@ use maps::time::Stamp;
 use nalgebra::Isometry3;
 use rand_pcg::Pcg64;
 
-use crate::aid::{Mobility, Object};
-use crate::coarse::Named;
+use crate::aid::Object;
+use crate::coarse::{Coarse, Named};
 use crate::drift::Drift;
 use crate::map::{KeyframeId, Map};
 use crate::matching::Sighting;
 use crate::optics::Optics;
-use features::{Count, Pair};
-pub(crate) use memory::Memory;
-use memory::Trace;
+use features::Pair;
+pub(crate) use history::History;
+use memory::{Memory, Trace};
 use object::View;
 use region::Label;
 use witness::Judged;
 
 /// Frames for which an object is known again where no detector looks, or where it misses the object.
-const NAMED: u8 = 15;
-/// An object that may move does so if that share of its surface stands where space was free, or is doubted.
-const MOVING_SHARE: f64 = 0.25;
+pub(crate) const NAMED: u8 = 15;
 
 /// What is known when what moves in a frame is sought.
 pub(crate) struct Scene<'a> {
@@ -65,11 +65,12 @@ pub(crate) struct Scene<'a> {
     pub(crate) last: &'a Sighting,
     pub(crate) last_pose: &'a Isometry3<f64>,
     pub(crate) pose: &'a Isometry3<f64>,
-    pub(crate) objects: &'a [Object],
+    /// What a detector sees in this very frame; `None` where it has not looked, or not answered yet.
+    pub(crate) objects: Option<&'a [Object]>,
 }
 
-/// Finds what moves in a frame; marks it there, and returns what the next frame should remember.
-pub(crate) fn reject_moving(scene: &Scene<'_>, now: &mut Sighting, before: &Memory) -> Memory {
+/// Finds what moves in a frame; marks it there, and notes what later frames should remember.
+pub(crate) fn reject_moving(scene: &Scene<'_>, now: &mut Sighting, history: &mut History) {
     let (optics, pose) = (scene.optics, scene.pose);
     let frame = Judged {
         at: scene.at,
@@ -79,7 +80,8 @@ pub(crate) fn reject_moving(scene: &Scene<'_>, now: &mut Sighting, before: &Memo
         id: None,
     };
     let votes = witness::votes(optics, scene.map, &frame);
-    let recalled = before.recall(optics, (pose, &now.coarse));
+    let last_from_this = history.last_from(pose);
+    let recalled = history.recall(optics, (&last_from_this, &now.coarse.depth_m));
     let counts = features::testimony(&Pair {
         optics,
         map: scene.map,
@@ -100,102 +102,87 @@ pub(crate) fn reject_moving(scene: &Scene<'_>, now: &mut Sighting, before: &Memo
             *label = Label::Certain;
         }
     }
-    let named = name(scene, now, (&mut labels, &counts), &recalled);
-    let age = mask(scene, now, labels, &named);
-    let traces = age.iter().zip(named).zip(doubts);
-    Memory {
+    let mut named = remembered(&recalled);
+    let view = View {
+        optics,
+        depth_m: &now.coarse.depth_m,
+        pose,
+    };
+    let objects = scene.objects.unwrap_or_default();
+    object::name(&view, objects, (&mut labels, &counts), &mut named);
+    let masked = mask(optics, (pose, &now.coarse), &labels, &named);
+    (now.coarse.moving, now.coarse.named) = (masked.moving, masked.by_name);
+    let traces = masked.age.into_iter().zip(named).zip(doubts);
+    let memory = Memory {
+        at: scene.at,
         traces: traces
-            .map(|((&age, named), doubt)| Trace { age, named, doubt })
+            .map(|((age, named), doubt)| Trace { age, named, doubt })
             .collect(),
         depth_m: now.coarse.depth_m.clone(),
         world_from_camera: *pose,
-    }
+        last_from_this,
+        labels,
+        counts,
+    };
+    history.push(memory, scene.objects.is_some());
 }
 
-/// Grows the mask of a frame from the labels of its cells, and marks it there; frames since there was evidence, by cell.
+/// What moves in a frame, by cell.
+struct Masked {
+    /// Frames since there was evidence.
+    age: Vec<Option<u8>>,
+    /// Margin included.
+    moving: Vec<bool>,
+    by_name: Option<Box<Named>>,
+}
+
+/// Grows the mask of a frame from the labels of its cells, and from what a detector has named.
 fn mask(
-    scene: &Scene<'_>,
-    now: &mut Sighting,
-    mut labels: Vec<Label>,
+    optics: &Optics,
+    (pose, coarse): (&Isometry3<f64>, &Coarse),
+    labels: &[Label],
     named: &[Option<u8>],
-) -> Vec<Option<u8>> {
-    let (optics, pose) = (scene.optics, scene.pose);
-    let coarse = &now.coarse;
+) -> Masked {
     let margin = |of: &[Option<u8>]| {
         region::with_margin(optics, (pose, coarse), of.iter().map(Option::is_some))
     };
-    let mut age = region::grow(optics, coarse, &labels, pose);
+    let mut age = region::grow(optics, coarse, labels, pose);
     let mut by_name = None;
     if named.iter().any(Option::is_some) {
         by_name = Some(Box::new(Named {
             unmapped: margin(named),
             evident: margin(&age),
         }));
-        for (label, named) in labels.iter_mut().zip(named) {
-            // Somebody who has stood there for a while is as good as furniture until they move.
-            if named.is_some() && *label != Label::Confirmed {
-                *label = Label::Named;
-            }
-        }
+        // Somebody who has stood there for a while is as good as furniture until they move.
+        let by_name = |(&label, named): (&Label, &Option<u8>)| match named {
+            Some(_) if label != Label::Confirmed => Label::Named,
+            Some(_) | None => label,
+        };
+        let labels: Vec<Label> = labels.iter().zip(named).map(by_name).collect();
         age = region::grow(optics, coarse, &labels, pose);
     }
-    let moving = margin(&age);
-    (now.coarse.moving, now.coarse.named) = (moving, by_name);
-    age
-}
-
-/// Frames since a detector saw something that moves at each cell: those of now, and those remembered. Of what proves to
-/// move, all cells are certain.
-fn name(
-    scene: &Scene<'_>,
-    now: &Sighting,
-    (labels, counts): (&mut [Label], &[Count]),
-    recalled: &[Trace],
-) -> Vec<Option<u8>> {
-    let remembered = |t: &Trace| t.named.filter(|&frames| frames <= NAMED);
-    let mut named: Vec<Option<u8>> = recalled.iter().map(remembered).collect();
-    let view = View {
-        optics: scene.optics,
-        coarse: &now.coarse,
-        pose: scene.pose,
-    };
-    for object in scene.objects {
-        let cells = match object.mobility {
-            Mobility::Static => continue,
-            Mobility::Potential | Mobility::Dynamic => object::cells_of(&view, object, labels),
-        };
-        let is_proven = is_moving(&cells, labels, counts);
-        let moves = is_proven || object.mobility == Mobility::Dynamic;
-        for cell in cells {
-            // If it stands, what was remembered of it is no longer true.
-            named[cell] = moves.then_some(0);
-            if is_proven && labels[cell] != Label::Confirmed {
-                labels[cell] = Label::Certain;
-            }
-        }
+    Masked {
+        moving: margin(&age),
+        age,
+        by_name,
     }
-    named
 }
 
-/// Whether an object that may move does: by the free space it stands in, or by most of its features.
-fn is_moving(cells: &[usize], labels: &[Label], counts: &[Count]) -> bool {
-    let moves = |&&cell: &&usize| matches!(labels[cell], Label::Strong | Label::Certain);
-    let moving = cells.iter().filter(moves).count();
-    let sum = cells.iter().fold(Count::default(), |sum, &cell| Count {
-        agree: sum.agree.saturating_add(counts[cell].agree),
-        contradict: sum.contradict.saturating_add(counts[cell].contradict),
-    });
-    sum.moves() || (moving > 0 && moving as f64 >= MOVING_SHARE * cells.len() as f64)
+/// Frames since a detector saw something that moves at each cell, as far as it is remembered.
+fn remembered(traces: &[Trace]) -> Vec<Option<u8>> {
+    let named = |t: &Trace| t.named.filter(|&frames| frames <= NAMED);
+    traces.iter().map(named).collect()
 }
 
 /// Marks what moves in a frame by the paper's scheme, from the pose of the frame before.
 pub(crate) fn reject_objects(scene: &Scene<'_>, now: &mut Sighting, rng: &mut Pcg64) {
     let view = View {
         optics: scene.optics,
-        coarse: &now.coarse,
+        depth_m: &now.coarse.depth_m,
         pose: scene.pose,
     };
-    let moving = paper::moving(&view, (scene.last, now), scene.objects, rng);
+    let objects = scene.objects.unwrap_or_default();
+    let moving = paper::moving(&view, (scene.last, now), objects, rng);
     now.coarse.moving = moving;
 }
 

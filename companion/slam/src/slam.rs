@@ -3,6 +3,7 @@
 mod atlas;
 mod closing;
 mod handing_out;
+mod hearing;
 mod positions;
 
 use std::collections::VecDeque;
@@ -19,7 +20,7 @@ use crate::aid::Aid;
 use crate::bundle::{Local, Solved};
 use crate::dense::{DenseKeyframe, Pending};
 use crate::drift::{self, Drift};
-use crate::dynamics::{self, Memory, Scene};
+use crate::dynamics::{self, History, Scene};
 use crate::front_end::{FrontEnd, Look};
 use crate::level::{self, Floor, Plane};
 use crate::map::{Keyframe, KeyframeId, Map, Standing};
@@ -62,8 +63,8 @@ pub struct Slam {
     state: State,
     floor: Option<Floor>,
     last: Last,
-    /// What moved in the last frame.
-    moved: Memory,
+    /// What moved in the last frames.
+    moved: History,
     /// Keyframes whose poses still move, oldest first.
     window: VecDeque<KeyframeId>,
     log: Vec<Logged>,
@@ -121,7 +122,7 @@ impl Slam {
                 frames_since_keyframe: 0,
                 rejected: 0,
             },
-            moved: Memory::default(),
+            moved: History::default(),
             window: VecDeque::new(),
             log: Vec::new(),
             settled: Vec::new(),
@@ -165,6 +166,9 @@ impl Slam {
     ) -> Result<Tracked, FrameError> {
         self.check(frame, &look)?;
         self.last.at = Some(frame.at);
+        if let Some(seen) = aid.objects.filter(|seen| seen.of != frame.at) {
+            self.hear(&seen);
+        }
         if self.last.frames_since_keyframe + 1 >= ADJUSTED_AFTER {
             self.take_adjustment();
         }
@@ -307,10 +311,11 @@ impl Slam {
     fn mark_moving(&mut self, now: &mut Sighting, pose: &Isometry3<f64>, aid: &Aid<'_>) {
         let unknown = Sighting::default();
         let followed = self.state == State::Tracking;
+        let at = self.last.at.unwrap_or(Stamp::ZERO);
         let scene = Scene {
             optics: &self.optics,
             map: &self.map,
-            at: self.last.at.unwrap_or(Stamp::ZERO),
+            at,
             last: if followed {
                 &self.last.sighting
             } else {
@@ -318,12 +323,12 @@ impl Slam {
             },
             last_pose: &self.last.motion.pose,
             pose,
-            objects: aid.objects.unwrap_or_default(),
+            objects: aid.objects.filter(|s| s.of == at).map(|s| s.objects),
         };
         match self.settings.moving {
             Moving::Ignore => {}
             Moving::Paper => dynamics::reject_objects(&scene, now, &mut self.rng),
-            Moving::Reject => self.moved = dynamics::reject_moving(&scene, now, &self.moved),
+            Moving::Reject => dynamics::reject_moving(&scene, now, &mut self.moved),
         }
     }
 

@@ -1,8 +1,12 @@
 //! What was found to move in the frame before, carried to where it is seen now.
 
+use maps::time::Stamp;
 use nalgebra::Isometry3;
 
-use crate::coarse::Coarse;
+use super::features::Count;
+use super::object::{self, View};
+use super::region::Label;
+use crate::aid::Object;
 use crate::optics::{Fast, Optics};
 
 /// Where surfaces without depth are taken to be: far enough that only the camera's turn displaces them.
@@ -19,26 +23,31 @@ pub(super) struct Trace {
     pub(super) doubt: f32,
 }
 
-/// The traces of one frame.
+/// The traces of one frame, and what tells which of its cells an object is.
 #[derive(Clone, Debug, Default)]
 pub(crate) struct Memory {
+    pub(super) at: Stamp,
     pub(super) traces: Vec<Trace>,
     /// Depth, to know the surface again.
     pub(super) depth_m: Vec<f32>,
     pub(super) world_from_camera: Isometry3<f64>,
+    /// From this camera to that of the frame before, as both were known then: poses jump.
+    pub(super) last_from_this: Isometry3<f64>,
+    pub(super) labels: Vec<Label>,
+    pub(super) counts: Vec<Count>,
 }
 
 impl Memory {
-    /// The traces as they apply to the cells of a frame taken from `pose`, one frame older.
+    /// The traces as they apply to the cells of a frame, one frame older, by its depth and the step from there to here.
     pub(super) fn recall(
         &self,
         optics: &Optics,
-        (pose, coarse): (&Isometry3<f64>, &Coarse),
+        (here_from_there, depth_m): (&Isometry3<f64>, &[f32]),
     ) -> Vec<Trace> {
         if self.traces.iter().all(|t| *t == Trace::default()) {
             return vec![Trace::default(); optics.cell_count()];
         }
-        let there = Fast::new(&(self.world_from_camera.inverse() * pose));
+        let there = Fast::new(here_from_there);
         let recall = |(cell, &depth): (usize, &f32)| {
             let place = if depth > 0.0 { depth } else { FAR_M };
             let p = there.apply(&optics.cell_point(cell, place));
@@ -46,7 +55,7 @@ impl Memory {
             let expected = if depth > 0.0 { p.z } else { 0.0 };
             Some(self.trace_at(at, expected))
         };
-        let depths = coarse.depth_m.iter().enumerate();
+        let depths = depth_m.iter().enumerate();
         depths.map(|d| recall(d).unwrap_or_default()).collect()
     }
 
@@ -63,6 +72,36 @@ impl Memory {
             age: older(here.age),
             named: older(here.named),
             doubt: here.doubt,
+        }
+    }
+
+    /// A detector has seen these objects in this frame.
+    pub(super) fn name(&mut self, optics: &Optics, objects: &[Object]) {
+        let view = View {
+            optics,
+            depth_m: &self.depth_m,
+            pose: &self.world_from_camera,
+        };
+        let mut named: Vec<_> = self.traces.iter().map(|t| t.named).collect();
+        object::name(&view, objects, (&mut self.labels, &self.counts), &mut named);
+        let known = named.into_iter().zip(&self.labels);
+        for (trace, (named, label)) in self.traces.iter_mut().zip(known) {
+            trace.named = named;
+            if *label == Label::Certain {
+                trace.age = Some(0);
+            }
+        }
+    }
+
+    /// Of the frame before is now known what was not when this one was looked at.
+    pub(super) fn amend(&mut self, optics: &Optics, before: &Self) {
+        let recalled = before.recall(optics, (&self.last_from_this, &self.depth_m));
+        for (trace, recalled) in self.traces.iter_mut().zip(recalled) {
+            trace.named = recalled.named;
+            trace.age = match (trace.age, recalled.age) {
+                (Some(a), Some(b)) => Some(a.min(b)),
+                (a, b) => a.or(b),
+            };
         }
     }
 }

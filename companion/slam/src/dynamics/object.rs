@@ -9,9 +9,9 @@
 
 use nalgebra::Isometry3;
 
+use super::features::Count;
 use super::region::{FLOOR_M, Label, connected, height, neighbors};
 use crate::aid::{Mobility, Object, PixelMask};
-use crate::coarse::Coarse;
 use crate::optics::Optics;
 
 /// Objects less sure than this are not believed.
@@ -22,11 +22,14 @@ const LEAST_FILL: f32 = 0.2;
 const THICKNESS_M: f32 = 0.35;
 /// A surface of which the map has confirmed this share is background, if there is another one.
 const BACKGROUND_SHARE: f32 = 0.8;
+/// An object that may move does so if that share of its surface stands where space was free, or is doubted.
+const MOVING_SHARE: f64 = 0.25;
 
 /// A frame as far as objects are concerned.
 pub(super) struct View<'a> {
     pub(super) optics: &'a Optics,
-    pub(super) coarse: &'a Coarse,
+    /// By cell; 0 where unknown.
+    pub(super) depth_m: &'a [f32],
     pub(super) pose: &'a Isometry3<f64>,
 }
 
@@ -66,6 +69,41 @@ struct Surface {
     fill: f32,
     depth_m: f32,
     background: bool,
+}
+
+/// Notes by cell in `named` what a detector sees that moves. Of what proves to move, all cells are certain.
+pub(super) fn name(
+    view: &View<'_>,
+    objects: &[Object],
+    (labels, counts): (&mut [Label], &[Count]),
+    named: &mut [Option<u8>],
+) {
+    for object in objects {
+        let cells = match object.mobility {
+            Mobility::Static => continue,
+            Mobility::Potential | Mobility::Dynamic => cells_of(view, object, labels),
+        };
+        let is_proven = is_moving(&cells, labels, counts);
+        let moves = is_proven || object.mobility == Mobility::Dynamic;
+        for cell in cells {
+            // If it stands, what was remembered of it is no longer true.
+            named[cell] = moves.then_some(0);
+            if is_proven && labels[cell] != Label::Confirmed {
+                labels[cell] = Label::Certain;
+            }
+        }
+    }
+}
+
+/// Whether an object that may move does: by the free space it stands in, or by most of its features.
+fn is_moving(cells: &[usize], labels: &[Label], counts: &[Count]) -> bool {
+    let moves = |&&cell: &&usize| matches!(labels[cell], Label::Strong | Label::Certain);
+    let moving = cells.iter().filter(moves).count();
+    let sum = cells.iter().fold(Count::default(), |sum, &cell| Count {
+        agree: sum.agree.saturating_add(counts[cell].agree),
+        contradict: sum.contradict.saturating_add(counts[cell].contradict),
+    });
+    sum.moves() || (moving > 0 && moving as f64 >= MOVING_SHARE * cells.len() as f64)
 }
 
 /// The cells of an object; none if it is not believed or there is nothing to tell it by. Without a mask, of something that
@@ -126,7 +164,7 @@ fn in_mask(optics: &Optics, span: Span, mask: &PixelMask) -> Vec<usize> {
 /// The surfaces in a box, connected in depth, without the floor.
 fn surfaces(view: &View<'_>, span: Span, labels: &[Label]) -> Vec<Surface> {
     let (optics, across) = (view.optics, view.optics.cells_across);
-    let depth = |cell: usize| view.coarse.depth_m[cell];
+    let depth = |cell: usize| view.depth_m[cell];
     let usable =
         |cell: usize| depth(cell) > 0.0 && height(optics, cell, depth(cell), view.pose) > FLOOR_M;
     let mut open: Vec<bool> = vec![false; optics.cell_count()];

@@ -52,7 +52,7 @@ pub(super) fn moving(
             }
         }
     }
-    with_margin(view.optics, (view.pose, view.coarse), masked.into_iter())
+    with_margin(view.optics, (view.pose, &now.coarse), masked.into_iter())
 }
 
 /// The potentially dynamic objects that move against the static points.

@@ -2,7 +2,8 @@
 //! slides.
 
 use super::*;
-use slam::{Aid, Mapping, Mobility, Object, Overlay, PixelMask};
+use crate::scene::taken_at;
+use slam::{Aid, Mapping, Mobility, Object, Overlay, PixelMask, Seen};
 
 /// A person, about, who stands still from the first frame on.
 const STANDING: Block = Block {
@@ -53,10 +54,24 @@ fn run_with(
     blocks: impl Fn(u64) -> Vec<Block>,
     seen: impl Fn(u64) -> Vec<Object>,
 ) -> Vec<Tracked> {
-    let track = |i| {
-        let objects = seen(i);
+    run_late(slam, (frames, every, 0), blocks, seen)
+}
+
+/// The same with a detector that answers `late` frames later.
+fn run_late(
+    slam: &mut Slam,
+    (frames, every, late): (u64, u64, u64),
+    blocks: impl Fn(u64) -> Vec<Block>,
+    seen: impl Fn(u64) -> Vec<Object>,
+) -> Vec<Tracked> {
+    let track = |i: u64| {
+        let of = i.checked_sub(late).filter(|of| of.is_multiple_of(every));
+        let objects = of.map(&seen).unwrap_or_default();
         let aid = Aid {
-            objects: (i % every == 0).then_some(&objects[..]),
+            objects: of.map(|of| Seen {
+                of: taken_at(of),
+                objects: &objects,
+            }),
             ..Aid::default()
         };
         slam.track_aided(&render(i, walk(i), &blocks(i)), &aid)
@@ -111,6 +126,85 @@ fn somebody_who_stands_still_from_the_start_is_kept_out_by_a_detector_at_ten_fra
         );
     }
     assert_eq!(points_on(&STANDING, &dense(&mut slam)), 0);
+}
+
+#[test]
+fn somebody_who_stands_still_is_kept_out_by_a_detector_that_answers_three_frames_late() {
+    let person = |i| vec![object(Mobility::Dynamic, bounds(&STANDING, i, 4.0))];
+    let mut slam = slam();
+    let outcomes = run_late(&mut slam, (60, 3, 3), |_| vec![TABLE, STANDING], person);
+    for (i, outcome) in (0..).zip(&outcomes) {
+        assert_eq!(outcome.state, State::Tracking, "frame {i}");
+        assert_eq!(
+            outcome.moving_share > 0.02,
+            i >= 3,
+            "frame {i}: {} of it moves",
+            outcome.moving_share
+        );
+    }
+    assert_eq!(slam.unheard(), 0);
+    assert!(outcomes[0].keyframe, "which had no answer when it was made");
+    assert_eq!(points_on(&STANDING, &dense(&mut slam)), 0);
+}
+
+#[test]
+fn an_answer_is_heard_as_long_as_its_frame_is_kept_and_then_counted_as_unheard() {
+    let person = |i| vec![object(Mobility::Dynamic, bounds(&STANDING, i, 4.0))];
+    let kept = Seen::KEPT as u64;
+    for (late, unheard) in [(kept, 0), (kept + 1, 1)] {
+        let mut slam = slam();
+        let frames = (late + 1, 100, late);
+        let outcomes = run_late(&mut slam, frames, |_| vec![TABLE, STANDING], person);
+        assert_eq!(slam.unheard(), unheard, "{late} frames late");
+        let last = &outcomes[late as usize];
+        assert_eq!(
+            last.moving_share > 0.02,
+            unheard == 0,
+            "{late} frames late: {}",
+            last.moving_share
+        );
+    }
+}
+
+#[test]
+fn an_answer_older_than_one_that_was_heard_changes_nothing() {
+    let outcomes = [false, true].map(|tells_old| {
+        let mut slam = slam();
+        let track = |i: u64| {
+            let person = [object(Mobility::Dynamic, bounds(&STANDING, i, 4.0))];
+            let aid = Aid {
+                objects: match i {
+                    5 => Some(Seen {
+                        of: taken_at(5),
+                        objects: &person,
+                    }),
+                    6 if tells_old => Some(Seen {
+                        of: taken_at(4),
+                        objects: &[],
+                    }),
+                    _ => None,
+                },
+                ..Aid::default()
+            };
+            let frame = render(i, walk(i), &[TABLE, STANDING]);
+            slam.track_aided(&frame, &aid).expect("a good frame")
+        };
+        let outcomes: Vec<_> = (0..10).map(track).collect();
+        assert_eq!(slam.unheard(), u64::from(tells_old));
+        outcomes
+    });
+    let [plain, told] = &outcomes;
+    assert!(plain == told);
+    assert!(plain[9].moving_share > 0.02);
+}
+
+#[test]
+fn a_parked_car_stays_in_the_map_of_a_detector_that_answers_late() {
+    let car = |i| vec![object(Mobility::Potential, bounds(&STANDING, i, 4.0))];
+    let mut slam = slam();
+    let outcomes = run_late(&mut slam, (60, 3, 3), |_| vec![TABLE, STANDING], car);
+    assert!(outcomes.iter().all(|o| o.moving_share < 1e-9));
+    assert!(points_on(&STANDING, &dense(&mut slam)) > 1000);
 }
 
 #[test]

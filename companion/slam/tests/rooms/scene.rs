@@ -77,6 +77,11 @@ impl Scene {
     }
 }
 
+/// When frame `index` of 30 a second is taken.
+pub(crate) fn taken_at(index: u64) -> Stamp {
+    Stamp::ZERO + Duration::from_micros(33_333) * u32::try_from(index).expect("a short test")
+}
+
 /// What the camera sees at frame `index` of 30 a second, in a room of 5 m by 5 m with `blocks`.
 pub(crate) fn render(
     index: u64,
@@ -116,8 +121,7 @@ pub(crate) fn render_scene(
         }
     }
     RgbdFrame {
-        at: Stamp::ZERO
-            + Duration::from_micros(33_333) * u32::try_from(index).expect("a short test"),
+        at: taken_at(index),
         width,
         height,
         rgb,

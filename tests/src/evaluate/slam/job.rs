@@ -19,7 +19,7 @@ use sensors::tum::{self as folder, MissingImages, TumFolder};
 use serde::{Deserialize, Serialize};
 use sitl::platform::body_from_uav_camera;
 use sitl::scene::{Name, Scene};
-use slam::{Aid, Slam, State};
+use slam::{Aid, Seen, Slam, State};
 
 use super::ghosts::{Hit, Keyframes, hit_by_movers};
 use super::honesty::{self, Told};
@@ -233,7 +233,10 @@ impl Work {
 
     fn frame(&mut self, frame: &RgbdFrame) -> anyhow::Result<()> {
         let aid = Aid {
-            objects: self.objects.as_ref().map(|objects| objects.at(frame.at)),
+            objects: self.objects.as_ref().map(|objects| Seen {
+                of: frame.at,
+                objects: objects.at(frame.at),
+            }),
             position: self.positions.as_mut().and_then(|p| p.until(frame.at)),
             ..Aid::default()
         };
