@@ -86,3 +86,4 @@ pub use settings::{Mapping, Moving, Settings};
 pub use slam::Slam;
 pub use stage::Stage;
 pub use tracked::{FrameError, Overlay, State, Tracked};
+pub use worker::Worker;

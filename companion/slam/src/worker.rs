@@ -10,7 +10,7 @@ use std::thread::{Builder, JoinHandle};
 type Job<T> = Box<dyn FnOnce() -> T + Send>;
 
 /// Does one job at a time.
-pub(crate) enum Worker<T> {
+pub enum Worker<T> {
     /// In the caller's thread, at once; the result waits here.
     Here(Option<T>),
     /// In a thread of its own.
@@ -18,7 +18,7 @@ pub(crate) enum Worker<T> {
 }
 
 /// A running thread. Dropping it waits for the job in hand.
-pub(crate) struct Thread<T> {
+pub struct Thread<T> {
     /// Dropped to end the thread.
     jobs: Option<SyncSender<Job<T>>>,
     results: Receiver<T>,
@@ -28,7 +28,7 @@ pub(crate) struct Thread<T> {
 
 impl<T: Send + 'static> Worker<T> {
     /// A thread of its own.
-    pub(crate) fn thread(name: &str) -> io::Result<Self> {
+    pub fn thread(name: &str) -> io::Result<Self> {
         let (jobs, next) = sync_channel::<Job<T>>(1);
         let (send, results) = sync_channel(1);
         let handle = Builder::new().name(name.into()).spawn(move || {
@@ -47,7 +47,7 @@ impl<T: Send + 'static> Worker<T> {
     }
 
     /// Starts a job; the result of the one before must have been taken.
-    pub(crate) fn start(&mut self, job: impl FnOnce() -> T + Send + 'static) {
+    pub fn start(&mut self, job: impl FnOnce() -> T + Send + 'static) {
         match self {
             Self::Here(result) => *result = Some(job()),
             Self::Thread(thread) => {
@@ -58,7 +58,7 @@ impl<T: Send + 'static> Worker<T> {
     }
 
     /// The result of the job that was started, waited for; `None` if none was, or if it died.
-    pub(crate) fn take(&mut self) -> Option<T> {
+    pub fn take(&mut self) -> Option<T> {
         match self {
             Self::Here(result) => result.take(),
             Self::Thread(thread) => {
