@@ -34,6 +34,11 @@ impl<'a> Image<'a> {
         Ok(Self { width, height, rgb })
     }
 
+    /// Red, green and blue of its pixels, row by row.
+    pub fn rgb(&self) -> &'a [[u8; 3]] {
+        self.rgb
+    }
+
     /// Red, green and blue between pixels, bilinear; outside of the image its rim.
     pub(crate) fn at(&self, x: f32, y: f32) -> [f32; 3] {
         let place = |v: f32, count: usize| {
