@@ -38,7 +38,7 @@ pub(crate) enum Command {
         #[command(flatten)]
         options: Options,
     },
-    /// Checks configuration, source, camera, links, disk and clock: one line each, ok or what to do.
+    /// Checks configuration, source, camera, detector, links, disk and clock: one line each, ok or what to do.
     Doctor {
         #[command(flatten)]
         options: Options,

@@ -14,7 +14,7 @@ use sensors::tum::{self, MissingImages};
 use sensors::zenoh::Patience;
 use serde::{Deserialize, Serialize};
 
-pub use settings::{MappingSettings, Settings, SourcePlace, SourceSettings};
+pub use settings::{DetectorSettings, MappingSettings, Settings, SourcePlace, SourceSettings};
 
 /// Why a configuration cannot be used.
 #[derive(Debug, thiserror::Error)]
@@ -81,6 +81,8 @@ pub struct Config {
     pub map: MapTable,
     /// `[links]`
     pub links: LinksTable,
+    /// `[detector]`; without it, people and vehicles are known by how they move alone.
+    pub detector: Option<DetectorTable>,
     /// `[origin]`; without it the origin is the autopilot's home.
     pub origin: Option<OriginTable>,
     /// `[output]`
@@ -221,6 +223,46 @@ pub struct LinksTable {
     pub ground_bytes_per_s: u32,
 }
 
+/// `[detector]`: a network that knows people and vehicles in the colour images.
+#[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
+#[serde(deny_unknown_fields)]
+pub struct DetectorTable {
+    /// What the weights are of.
+    pub kind: DetectorKind,
+    /// An ONNX file, trained on the 80 classes of COCO. A relative path starts at the configuration file.
+    pub weights: PathBuf,
+    /// Objects less sure are not believed, 0 to 1; the kind's own where absent, see [`DetectorKind::least_score`].
+    pub least_score: Option<f64>,
+    /// It looks at every so many frames, and its answer is heard so many frames later.
+    #[serde(default = "every_third")]
+    pub every_frames: usize,
+}
+
+/// At 30 frames a second, ten looks.
+fn every_third() -> usize {
+    3
+}
+
+/// Which network.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum DetectorKind {
+    /// [`perception::Yolox`].
+    Yolox,
+    /// [`perception::FastestDet`].
+    FastestDet,
+}
+
+impl DetectorKind {
+    /// From which score on its objects are mostly right; those of `FastestDet`, geometric means, are higher.
+    pub fn least_score(self) -> f64 {
+        match self {
+            Self::Yolox => 0.3,
+            Self::FastestDet => 0.65,
+        }
+    }
+}
+
 /// `[origin]`: where the world's origin is on earth (WGS-84).
 #[derive(Clone, Debug, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
@@ -336,12 +378,15 @@ impl Config {
         })
     }
 
-    /// The same with a relative source path starting at the file it was read from.
+    /// The same with relative paths of source and weights starting at the file they were read from.
     #[must_use]
     pub fn relative_to(mut self, file: &Path) -> Self {
-        let source = &mut self.source.path;
-        if !source.as_os_str().is_empty() {
-            *source = file.parent().unwrap_or(Path::new("")).join(&source);
+        let folder = file.parent().unwrap_or(Path::new(""));
+        let weights = self.detector.as_mut().map(|detector| &mut detector.weights);
+        for path in std::iter::once(&mut self.source.path).chain(weights) {
+            if !path.as_os_str().is_empty() {
+                *path = folder.join(&path);
+            }
         }
         self
     }

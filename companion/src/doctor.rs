@@ -14,15 +14,16 @@ use mavlink_ext::dialect::tandem::{HEARTBEAT_DATA, MavAutopilot, MavType};
 use mavlink_ext::link::{Link, LinkError, LinkUri};
 use mavlink_ext::presence::companion_heartbeat;
 use mavlink_ext::{Address, Encoder, Message};
+use perception::Image;
 use sensors::RgbdSource;
 use slam::Floor;
 
 use crate::clock::{Clock, since_1970};
-use crate::config::Settings;
+use crate::config::{DetectorSettings, Settings};
 use crate::event::LinkId;
 use crate::output;
 use crate::pipeline::uav::{FloorFigures, Mapper};
-use crate::pipeline::{self, chain};
+use crate::pipeline::{self, chain, detecting};
 
 /// Less is not enough for the map and the report of a flight.
 const LEAST_FREE_BYTES: u64 = 1 << 30;
@@ -91,6 +92,9 @@ pub fn examine(settings: &Settings, clock: Clock, listen: Duration, mut tell: im
         }
         Err(error) => tell(Check::new("source", Err(chain(&error)))),
     }
+    if let Some(detector) = &settings.detector {
+        tell(Check::new("detector", check_detector(detector, clock)));
+    }
     for check in check_links(settings, clock, listen) {
         tell(check);
     }
@@ -127,7 +131,7 @@ fn check_source(source: &mut dyn RgbdSource) -> Result<(RgbdFrame, String), Stri
 
 /// Heights in the map count from the floor of the first frame.
 fn check_floor(first: &RgbdFrame, camera: Pinhole, settings: &Settings) -> Check {
-    let mut mapper = Mapper::new(camera, &settings.mapping);
+    let mut mapper = Mapper::new(camera, &settings.mapping, None);
     let tracked = mapper.track(first);
     let finding = match (tracked, mapper.floor()) {
         (Err(error), _) => Finding::Failed(chain(&error)),
@@ -147,6 +151,21 @@ fn check_floor(first: &RgbdFrame, camera: Pinhole, settings: &Settings) -> Check
         name: "floor",
         finding,
     }
+}
+
+/// Opens it as for a flight, and takes the time of a look.
+fn check_detector(settings: &DetectorSettings, clock: Clock) -> Result<String, String> {
+    let every = settings.every_frames;
+    let detector = detecting::open(settings).map_err(|error| chain(&error))?;
+    let pixels = vec![[0; 3]; 640 * 480];
+    let image = Image::new(640, 480, &pixels).map_err(|error| chain(&error))?;
+    let started = clock.now();
+    detector.detect(&image).map_err(|error| chain(&error))?;
+    let took_ms = clock.now().since(started).as_secs_f64() * 1e3;
+    Ok(format!(
+        "{}; a look takes {took_ms:.0} ms, and tracking waits where that is longer than {every} frames",
+        settings.weights.display()
+    ))
 }
 
 fn check_camera(camera: &Pinhole) -> Check {
@@ -460,7 +479,7 @@ mod tests {
     use mavlink_ext::presence::ground_station_heartbeat;
 
     use super::*;
-    use crate::config::Config;
+    use crate::config::{Config, DetectorKind};
 
     #[test]
     fn a_ground_station_that_answers_only_those_it_has_heard_is_heard() {
@@ -486,6 +505,18 @@ mod tests {
         answer.join().expect("it has answered");
         let ground = checks.last().map(ToString::to_string).unwrap_or_default();
         assert!(ground.contains("ground station 255/190 heard"), "{ground}");
+    }
+
+    #[test]
+    fn weights_that_are_not_there_are_told_by_name() {
+        let settings = DetectorSettings {
+            kind: DetectorKind::Yolox,
+            weights: "nowhere/yolox.onnx".into(),
+            least_score: 0.3,
+            every_frames: 3,
+        };
+        let told = check_detector(&settings, Clock::start());
+        assert!(told.is_err_and(|text| text.contains("nowhere/yolox.onnx")));
     }
 
     #[test]

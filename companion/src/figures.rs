@@ -139,6 +139,7 @@ impl Figures {
                 Some(Ending::Finished | Ending::Stopped) | None => None,
             },
             source_losses: self.ended.as_ref().and_then(|ended| ended.losses),
+            detector: self.ended.as_ref().and_then(|ended| ended.detector),
             frames: self.frames,
             frames_in_recording: self.frames_in_recording,
             frames_tracked: self.frames_tracked,

@@ -1,8 +1,10 @@
-//! The threads between the camera and the rest: `sensor-decode`, which also seeks features → `slam` → `tile-encode`.
+//! The threads between the camera and the rest: `sensor-decode`, which also seeks features → `slam` → `tile-encode`; beside
+//! `slam`, where one is configured, the `detector`.
 //!
 //! The channels between them are bounded and a full one makes the sender wait: a recording loses no frame and the map
 //! no tile; what is slow shows as latency. [`uav`] does the work; here are its thread, its pace and its stop-watch.
 
+pub mod detecting;
 pub mod uav;
 
 use std::io;
@@ -27,6 +29,7 @@ use crate::clock::Clock;
 use crate::config::{MappingSettings, Pace, SourcePlace, SourceSettings};
 use crate::event::Event;
 use crate::output::{self, Ate};
+use detecting::{DetectorFigures, Lookout};
 use uav::{FloorFigures, MapFigures, MapUpdate, Mapper};
 
 /// How many frames are decoded ahead of the one that is tracked.
@@ -91,6 +94,8 @@ pub struct SourceEnded {
     pub floor: Option<FloorFigures>,
     /// What of a live camera's messages was not used; none of a recording.
     pub losses: Option<Losses>,
+    /// What the detector has done, where there is one.
+    pub detector: Option<DetectorFigures>,
 }
 
 /// Why a source has ended.
@@ -128,10 +133,11 @@ pub(crate) fn decoded_ahead(source: &dyn RgbdSource) -> usize {
 }
 
 /// How a source is processed.
-#[derive(Clone, Debug)]
 pub struct Plan {
     /// Localisation and mapping.
     pub mapping: MappingSettings,
+    /// What knows people and vehicles.
+    pub lookout: Option<Lookout>,
     /// How fast a recording is played.
     pub pace: Pace,
     /// Folder for the trajectory and the map.
@@ -171,7 +177,7 @@ impl Pipeline {
             .spawn(move || encode_updates(&waiting, clock, &send))?;
         let slam = Builder::new().name("slam".into()).spawn(move || {
             let mut work = Work {
-                mapper: Mapper::new(camera, &plan.mapping),
+                mapper: Mapper::new(camera, &plan.mapping, plan.lookout),
                 pacer: Pacer::new(pace),
                 watch,
                 clock,
@@ -314,6 +320,7 @@ fn end(
         map: mapper.figures(),
         floor: mapper.floor(),
         losses: source.live().map(|live| live.losses()),
+        detector: mapper.detector(),
     }
 }
 

@@ -20,6 +20,7 @@ use crate::clock::Clock;
 use crate::config::Settings;
 use crate::figures::Figures;
 use crate::output::{self, OutputError};
+use crate::pipeline::detecting::{DetectorError, Lookout};
 use crate::pipeline::uav::Mapper;
 use crate::pipeline::{self, Ending, Seen, SourceEnded};
 use crate::report::Report;
@@ -32,6 +33,9 @@ pub enum ReplayError {
     /// The recording cannot be read.
     #[error(transparent)]
     Source(#[from] SourceError),
+    /// The detector cannot be used.
+    #[error("the detector cannot be used: correct [detector]")]
+    Detector(#[from] DetectorError),
     /// The system gives no thread to decode on.
     #[error("cannot start a thread")]
     Thread(#[from] std::io::Error),
@@ -67,12 +71,13 @@ pub fn replay(
     clock: Clock,
     mut progress: impl FnMut(Progress) -> Continue,
 ) -> Result<Report, ReplayError> {
+    let lookout = Lookout::open(settings.detector.as_ref())?;
     let source = pipeline::open_source(&settings.source)?;
     let ahead = pipeline::decoded_ahead(source.as_ref());
     let front_end = Mapper::front_end(source.camera(), &settings.mapping);
     let mut source = Prefetch::with(source, ahead, move |frame| front_end.look(frame))?;
     let mut figures = Figures::new(source.name(), source.frame_count(), &settings.mapping);
-    let mut mapper = Mapper::new(source.camera(), &settings.mapping);
+    let mut mapper = Mapper::new(source.camera(), &settings.mapping, lookout);
     let (mut rows, mut samples) = (Vec::new(), Samples::default());
     let (ending, damage) = loop {
         let (frame, seen) = match source.next_made() {
@@ -132,6 +137,7 @@ impl Kept<'_> {
             map: self.mapper.figures(),
             floor: self.mapper.floor(),
             losses: source.live().map(|live| live.losses()),
+            detector: self.mapper.detector(),
         });
         let report = figures.report(clock.now());
         report.write(out)?;

@@ -7,6 +7,7 @@ use sensors::live::Losses;
 use serde::Serialize;
 
 use crate::output::{OutputError, write_atomically};
+use crate::pipeline::detecting::DetectorFigures;
 
 /// The report. All times are wall time of this run.
 #[derive(Clone, Debug, PartialEq, Serialize)]
@@ -19,6 +20,8 @@ pub struct Report {
     pub source_error: Option<String>,
     /// What of a live camera's messages was not used, and why; none of a recording.
     pub source_losses: Option<Losses>,
+    /// What the detector has done, where there is one.
+    pub detector: Option<DetectorFigures>,
     /// Frames processed.
     pub frames: u64,
     /// Frames in the recording, where that is known.

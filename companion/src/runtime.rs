@@ -16,6 +16,7 @@ use crate::event::{Action, Event, Severity};
 use crate::figures::Figures;
 use crate::net::Links;
 use crate::output::OutputError;
+use crate::pipeline::detecting::{DetectorError, Lookout};
 use crate::pipeline::{self, Ending, Pipeline, Plan};
 use crate::report::Report;
 use crate::step::Companion;
@@ -32,6 +33,9 @@ pub enum RunError {
     /// The source cannot be read.
     #[error(transparent)]
     Source(#[from] SourceError),
+    /// The detector cannot be used.
+    #[error("the detector cannot be used: correct [detector]")]
+    Detector(#[from] DetectorError),
     /// A link cannot be opened.
     #[error(
         "cannot open the links: is another companion running, or another program on this port?"
@@ -85,11 +89,13 @@ impl Events {
 
 /// Runs until [`Event::Stop`]. After the source has ended the map is still served.
 pub fn run(settings: &Settings, clock: Clock, events: Events) -> Result<(), RunError> {
+    let lookout = Lookout::open(settings.detector.as_ref())?;
     let source = pipeline::open_source(&settings.source)?;
     let figures = Figures::new(source.name(), source.frame_count(), &settings.mapping);
     let links = Links::open(settings, clock, &events.sender)?;
     let plan = Plan {
         mapping: settings.mapping,
+        lookout,
         pace: settings.source.pace,
         out: settings.out.clone(),
     };

@@ -2,14 +2,17 @@
 
 mod room;
 
+use std::error::Error as _;
 use std::path::Path;
+use std::sync::Arc;
 use std::sync::mpsc::{Receiver as Queue, sync_channel};
 use std::time::Duration;
 
 use companion::clock::Clock;
-use companion::config::{Config, Pace, Settings};
+use companion::config::{Config, DetectorKind, DetectorSettings, Pace, Settings};
 use companion::event::{Action, Event, LinkId};
 use companion::figures::Figures;
+use companion::pipeline::detecting::{DetectorFigures, Lookout};
 use companion::pipeline::uav::Mapper;
 use companion::pipeline::{Pipeline, Plan};
 use companion::replay::{Continue, Progress, replay};
@@ -22,6 +25,7 @@ use mavlink_ext::dialect::tandem::{HEARTBEAT_DATA, MavAutopilot, MavType};
 use mavlink_ext::object::digest::{Asker, Item};
 use mavlink_ext::object::{Receiver, ReceiverLimits};
 use mavlink_ext::{Address, Encoder, Message};
+use perception::{Class, DetectError, Detection, Detector, Image};
 use room::Room;
 use sensors::RgbdSource as _;
 use sensors::mcap::{Topics, Writer};
@@ -139,6 +143,7 @@ fn the_ground_station_ends_up_with_the_map_of_the_companion() {
     let (sender, events) = sync_channel(4);
     let plan = Plan {
         mapping: settings.mapping,
+        lookout: None,
         pace: Pace::Fast,
         out: settings.out.clone(),
     };
@@ -164,7 +169,7 @@ fn the_room_is_mapped_where_it_is() {
     let folder = tempfile::tempdir().expect("a folder");
     let settings = settings(folder.path(), Path::new("unused"));
     let mut room = Room::new(FRAMES);
-    let mut mapper = Mapper::new(room.camera(), &settings.mapping);
+    let mut mapper = Mapper::new(room.camera(), &settings.mapping, None);
     while let Some(frame) = room.next_frame().expect("drawn") {
         mapper.track(&frame).expect("of the camera's size");
         mapper.insert_settled();
@@ -241,6 +246,98 @@ fn a_replay_is_exact_and_close_to_the_truth() {
     }
     let table = std::fs::read_to_string(folder.path().join("a/frames.csv")).expect("a table");
     assert_eq!(table.lines().count(), 1 + FRAMES, "a line for each frame");
+}
+
+/// Takes the middle of each image for a person, whatever is there.
+struct Believer;
+
+impl Detector for Believer {
+    fn detect(&self, image: &Image<'_>) -> Result<Vec<Detection>, DetectError> {
+        let camera = Room::new(1).camera();
+        assert_eq!(image.rgb().len(), camera.width * camera.height);
+        let [width, height] = [camera.width, camera.height].map(|side| side as f32);
+        Ok(vec![Detection {
+            class: Class::named("person").expect("COCO knows people"),
+            score: 0.9,
+            bounds_px: [0.4 * width, 0.3 * height, 0.6 * width, 0.6 * height],
+        }])
+    }
+}
+
+#[test]
+fn what_a_detector_names_is_not_in_the_map_and_the_map_is_always_the_same() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let settings = settings(folder.path(), Path::new("unused"));
+    let map = |detector: Option<Believer>| {
+        let mut room = Room::new(FRAMES);
+        let lookout = detector.map(|detector| Lookout::new(Arc::new(detector), 3));
+        let mut mapper = Mapper::new(room.camera(), &settings.mapping, lookout);
+        while let Some(frame) = room.next_frame().expect("drawn") {
+            mapper.track(&frame).expect("of the camera's size");
+            mapper.insert_settled();
+        }
+        mapper.finish();
+        (mapper.figures(), mapper.detector())
+    };
+    let (first, looks) = map(Some(Believer));
+    assert_eq!(first.digest, map(Some(Believer)).0.digest);
+    let (without, none) = map(None);
+    assert!(first.voxels_occupied < without.voxels_occupied);
+    assert_eq!(none, None);
+    // The answer to the last look is not due any more.
+    let frames = FRAMES as u64 / 3 - 1;
+    let expected = DetectorFigures {
+        frames,
+        objects: frames,
+        failed: 0,
+        unheard: 0,
+    };
+    assert_eq!(looks, Some(expected));
+}
+
+/// With the weights of `YOLOX` beside the repository, where they are there.
+#[test]
+fn a_replay_with_a_detector_is_exact() {
+    let weights = Path::new(concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/../../shared/data/weights/yolox_nano_bigisland.onnx"
+    ));
+    if !weights.exists() {
+        println!("skipped: {} is not there", weights.display());
+        return;
+    }
+    let folder = tempfile::tempdir().expect("a folder");
+    let recording = folder.path().join("room.mcap");
+    record(&recording, 12);
+    let reports = ["a", "b"].map(|name| {
+        let mut settings = settings(&folder.path().join(name), &recording);
+        settings.detector = Some(DetectorSettings {
+            kind: DetectorKind::Yolox,
+            weights: weights.to_owned(),
+            least_score: 0.3,
+            every_frames: 3,
+        });
+        replay(&settings, Clock::start(), |_| Continue::Yes).expect("replays")
+    });
+    assert_eq!(reports[0].map_digest, reports[1].map_digest);
+    let looks = reports[0].detector.expect("there is one");
+    assert_eq!((looks.frames, looks.failed, looks.unheard), (3, 0, 0));
+}
+
+#[test]
+fn weights_that_cannot_be_opened_end_a_replay_before_it_begins() {
+    let folder = tempfile::tempdir().expect("a folder");
+    let mut settings = settings(folder.path(), Path::new("unused"));
+    settings.detector = Some(DetectorSettings {
+        kind: DetectorKind::FastestDet,
+        weights: folder.path().join("missing.onnx"),
+        least_score: 0.65,
+        every_frames: 3,
+    });
+    let error = replay(&settings, Clock::start(), |_| Continue::Yes).expect_err("no weights");
+    assert!(error.to_string().contains("[detector]"), "{error}");
+    let cause = error.source().expect("why").to_string();
+    assert!(cause.contains("missing.onnx"), "{cause}");
 }
 
 #[test]

@@ -13,10 +13,11 @@ use nalgebra::{Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use sensors::mcap::Topics;
 use sensors::zenoh::Patience;
 use sensors::{tum, zenoh};
+use slam::Seen;
 
 use super::{
-    CameraTable, Config, ConfigError, Fault, MapTable, MountTable, OriginTable, Pace, SlamTable,
-    SourceTable,
+    CameraTable, Config, ConfigError, DetectorKind, DetectorTable, Fault, MapTable, MountTable,
+    OriginTable, Pace, SlamTable, SourceTable,
 };
 
 /// What the companion runs with: a [`Config`] in which every value has been looked at.
@@ -30,6 +31,8 @@ pub struct Settings {
     pub body_from_camera: Isometry<Body, Camera>,
     /// Localisation and mapping.
     pub mapping: MappingSettings,
+    /// What knows people and vehicles in the colour images.
+    pub detector: Option<DetectorSettings>,
     /// The autopilot's link.
     pub autopilot: Option<LinkUri>,
     /// The ground station's link.
@@ -87,6 +90,19 @@ pub struct MappingSettings {
     pub tile_period: Duration,
 }
 
+/// A network that knows people and vehicles.
+#[derive(Clone, Debug, PartialEq)]
+pub struct DetectorSettings {
+    /// What the weights are of.
+    pub kind: DetectorKind,
+    /// An ONNX file.
+    pub weights: PathBuf,
+    /// Objects less sure are not believed, 0 to 1.
+    pub least_score: f32,
+    /// It looks at every so many frames, and its answer is heard so many frames later; at least 1.
+    pub every_frames: usize,
+}
+
 impl Config {
     /// Looks at every value; the error names all that make no sense.
     pub fn check(&self) -> Result<Settings, ConfigError> {
@@ -131,6 +147,7 @@ impl Config {
             source: source.check(&self.camera, faults),
             body_from_camera,
             mapping: slam.check(map, body_from_camera, faults),
+            detector: self.detector.as_ref().map(|table| table.check(faults)),
             autopilot: faults.link("links.autopilot", &links.autopilot),
             ground: faults.link("links.ground", &links.ground),
             ground_bytes_per_s: links.ground_bytes_per_s,
@@ -193,6 +210,32 @@ impl SlamTable {
                 0.0..=3600.0,
                 "0 to 3600 s",
             )),
+        }
+    }
+}
+
+impl DetectorTable {
+    fn check(&self, faults: &mut Faults) -> DetectorSettings {
+        faults.ensure(
+            !self.weights.as_os_str().is_empty(),
+            "detector.weights",
+            &"empty",
+            "an ONNX file, trained on the 80 classes of COCO",
+        );
+        faults.ensure(
+            (1..=Seen::KEPT).contains(&self.every_frames),
+            "detector.every_frames",
+            &self.every_frames,
+            "1 to 15 frames: later answers are of no use",
+        );
+        let least_score = self.least_score.unwrap_or(self.kind.least_score());
+        let least_score =
+            faults.within("detector.least_score", least_score, 0.0..=1.0, "0 to 1") as f32;
+        DetectorSettings {
+            kind: self.kind,
+            weights: self.weights.clone(),
+            least_score,
+            every_frames: self.every_frames,
         }
     }
 }

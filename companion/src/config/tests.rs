@@ -153,16 +153,60 @@ fn a_source_path_starts_at_its_file_and_is_printed_as_it_stands_there() {
 }
 
 #[test]
+fn weights_start_at_their_file_and_a_detector_has_the_usual_score_of_its_kind() {
+    for (kind, least_score) in [("yolox", 0.3), ("fastest-det", 0.65)] {
+        let text = format!("[detector]\nkind = \"{kind}\"\nweights = \"a.onnx\"");
+        let mut config: Config = toml::from_str(&text).expect("well-formed");
+        config.source.path = "flight.mcap".into();
+        let config = config.relative_to(Path::new("/drone/drone.toml"));
+        let detector = config.check().expect("sound").detector.expect("one");
+        assert_eq!(detector.weights, Path::new("/drone/a.onnx"));
+        assert!((detector.least_score - least_score).abs() < 1e-6);
+        assert_eq!(detector.every_frames, 3);
+    }
+    assert_eq!(sound().check().expect("sound").detector, None);
+}
+
+#[test]
+fn a_detector_needs_a_kind_and_weights_and_answers_while_its_frame_is_known() {
+    let detector = |more: &str| format!("[detector]\nkind = \"yolox\"\n{more}");
+    check_refused(&detector("weights = \"\""), &["detector.weights", "ONNX"]);
+    for (key, wrong) in [
+        ("every_frames = 0", "detector.every_frames is 0"),
+        ("every_frames = 16", "1 to 15"),
+        ("least_score = 1.5", "detector.least_score is 1.5"),
+        ("least_score = nan", "detector.least_score is NaN"),
+    ] {
+        let text = detector(&format!("weights = \"a.onnx\"\n{key}"));
+        let mut config: Config = toml::from_str(&text).expect("well-formed");
+        config.source.path = "flight.mcap".into();
+        let error = config.check().expect_err("makes no sense").to_string();
+        assert!(error.contains(wrong), "{error}");
+    }
+    for (text, word) in [
+        (detector(""), "weights"),
+        (detector("weight = \"a.onnx\""), "unknown field `weight`"),
+        ("[detector]\nkind = \"yolo\"".to_owned(), "`fastest-det`"),
+    ] {
+        let error = toml::from_str::<Config>(&text).expect_err("is none");
+        assert!(error.to_string().contains(word), "{error}");
+    }
+}
+
+#[test]
 fn the_reference_names_every_key_with_its_default() {
     let reference = include_str!("../../config/reference.toml");
     let written: toml::Table = reference.parse().expect("well-formed");
     let printed = Config::default().to_toml().expect("prints");
     let printed: toml::Table = printed.parse().expect("well-formed");
     assert_eq!(written, printed);
-    let origin = reference.split("# [origin]").nth(1).unwrap_or_default();
-    let origin = format!("[origin]{}", origin.replace("\n# ", "\n"));
-    let config: Config = toml::from_str(&origin).expect("the commented table is one");
+    let optional = reference.split("# [detector]").nth(1).unwrap_or_default();
+    let optional = format!("[detector]{}", optional.replace("\n# ", "\n"));
+    let config: Config = toml::from_str(&optional).expect("the commented tables are some");
     assert!(config.origin.is_some());
+    let detector = config.detector.expect("commented");
+    assert_eq!(detector.least_score, Some(detector.kind.least_score()));
+    assert_eq!(detector.every_frames, every_third());
 }
 
 #[test]

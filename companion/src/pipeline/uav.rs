@@ -16,8 +16,9 @@ use maps::time::Stamp;
 use maps::voxel::{MapDigest, VoxelMap};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use sensors::beside::{Beside, SatelliteFix};
-use slam::{Aid, Fix, Floor, FrameError, FrontEnd, Look, Overlay, Slam, Tracked};
+use slam::{Aid, Fix, Floor, FrameError, FrontEnd, Look, Overlay, Seen, Slam, Tracked};
 
+use super::detecting::{DetectorFigures, Lookout};
 use crate::config::MappingSettings;
 use remaking::DenseMap;
 
@@ -74,6 +75,7 @@ fn slam_settings(settings: &MappingSettings) -> slam::Settings {
 /// SLAM and the map it fills.
 pub struct Mapper {
     slam: Slam,
+    lookout: Option<Lookout>,
     dense: DenseMap,
     camera_from_body: Isometry<Camera, Body>,
     /// From where positions by satellites count: the first of them.
@@ -85,9 +87,10 @@ pub struct Mapper {
 }
 
 impl Mapper {
-    /// Starts with an empty map.
-    pub fn new(camera: Pinhole, settings: &MappingSettings) -> Self {
+    /// Starts with an empty map; people and vehicles are known by how they move, and by `lookout`.
+    pub fn new(camera: Pinhole, settings: &MappingSettings, lookout: Option<Lookout>) -> Self {
         Self {
+            lookout,
             slam: Slam::new(camera, slam_settings(settings)),
             dense: DenseMap::new(settings.resolution_m, settings.max_range_m),
             camera_from_body: settings.body_from_camera.inverse(),
@@ -122,12 +125,22 @@ impl Mapper {
             let axes = self.camera_from_body.rotation();
             axes * turn * axes.inverse()
         };
+        let answer = self.lookout.as_mut().and_then(|l| l.pass(frame));
         let aid = Aid {
             turned: beside.turned.map(in_camera),
             position: beside.fix.and_then(|fix| self.locate(&fix)),
-            objects: None,
+            objects: answer.as_ref().map(|answer| Seen {
+                of: answer.of,
+                objects: &answer.objects,
+            }),
         };
+        let unheard = self.slam.unheard();
         let tracked = self.slam.track_look(frame, look, &aid)?;
+        if unheard == 0 && self.slam.unheard() > 0 {
+            tracing::warn!(
+                "what the detector says is of a frame that was not tracked; later ones are counted alone"
+            );
+        }
         if let (false, Some(floor)) = (had_floor, self.slam.floor()) {
             tracing::info!("floor {floor}");
         }
@@ -152,6 +165,13 @@ impl Mapper {
             // The antenna is taken to be where the body's axes meet.
             antenna_in_camera: self.camera_from_body.raw.translation.vector,
         })
+    }
+
+    /// What the detector has done so far, where there is one.
+    pub fn detector(&self) -> Option<DetectorFigures> {
+        let figures = self.lookout.as_ref()?.figures();
+        let unheard = self.slam.unheard();
+        Some(DetectorFigures { unheard, ..figures })
     }
 
     /// The floor on which the map stands; none before the first frame that could be used.

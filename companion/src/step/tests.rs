@@ -510,6 +510,7 @@ fn the_map_arrives_over_a_link_that_loses_a_fifth() {
         },
         floor: None,
         losses: None,
+        detector: None,
     };
     bench.step(30_010, Event::SourceEnded(ended));
     assert!(bench.exited);
@@ -559,6 +560,7 @@ fn the_report_is_written_when_the_recording_is_over_and_the_map_is_still_served(
         },
         floor: None,
         losses: None,
+        detector: None,
     };
     bench.step(20, Event::SourceEnded(ended));
     let [report] = &bench.reports[..] else {
@@ -590,6 +592,7 @@ fn a_camera_that_fails_is_told_and_the_map_is_kept() {
         },
         floor: None,
         losses: None,
+        detector: None,
     };
     bench.step(20, Event::SourceEnded(ended));
     assert_eq!(
