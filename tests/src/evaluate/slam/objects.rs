@@ -5,7 +5,8 @@
 //! ```
 //!
 //! One object a line: the stamp of its frame in seconds, its box in raw pixels, 0 to 1, and a name of COCO or of the
-//! simulator. `#` begins a comment. A frame of which there is no line, or one with its stamp alone, shows nothing.
+//! simulator, or before it one of `static`, `movable` and `moving`. `#` begins a comment. A frame of which there is no line, or
+//! one with its stamp alone, shows nothing.
 
 use std::collections::BTreeMap;
 use std::fs;
@@ -13,6 +14,7 @@ use std::path::Path;
 
 use anyhow::Context as _;
 use maps::time::Stamp;
+use perception::Class;
 use slam::{Mobility, Object};
 
 /// By frame. Stamps agree to the millisecond: a detector may print fewer digits than a recording has.
@@ -75,7 +77,7 @@ fn entry(line: &str) -> Option<(Stamp, Option<Object>)> {
     Some((stamp(at)?, Some(object)))
 }
 
-/// Who moves by themselves, what may, and all the rest. Detectors of ours say so in a word before the class.
+/// Detectors of ours say it in a word before the class, and COCO's classes have a table. The others are the simulator's.
 fn mobility(class: &str) -> Mobility {
     let said = class.split(' ').next().unwrap_or_default();
     match said {
@@ -85,11 +87,8 @@ fn mobility(class: &str) -> Mobility {
         _ => {}
     }
     match class {
-        "person" | "pedestrian" | "cyclist" | "rider" | "robot" | "bird" | "cat" | "dog"
-        | "horse" | "sheep" | "cow" => Mobility::Dynamic,
-        "bicycle" | "motorcycle" | "car" | "bus" | "truck" | "train" | "boat" | "chair"
-        | "suitcase" | "backpack" | "handbag" | "umbrella" | "sports ball" => Mobility::Potential,
-        _ => Mobility::Static,
+        "pedestrian" | "cyclist" | "rider" | "robot" => Mobility::Dynamic,
+        _ => Class::named(class).map_or(Mobility::Static, |class| class.mobility().into()),
     }
 }
 
