@@ -79,13 +79,14 @@ impl Brief {
             std::array::from_fn(|i| pairs[i].map(rotate))
         });
         let disc = (-DISC..=DISC).map(|y| {
-            let column = |i: usize| i as i16 - DISC;
-            let is_inside = |i: usize| column(i).pow(2) + y * y <= DISC * DISC;
-            let inside = std::array::from_fn(|i| i16::from(is_inside(i)));
-            DiscRow {
-                columns: std::array::from_fn(|i| column(i) * inside[i]),
-                inside,
+            let (mut columns, mut inside) = ([0; PATCH], [0; PATCH]);
+            let weights = columns.iter_mut().zip(&mut inside);
+            for (x, (column, inside)) in (-DISC..=DISC).zip(weights) {
+                if x * x + y * y <= DISC * DISC {
+                    (*column, *inside) = (x, 1);
+                }
             }
+            DiscRow { columns, inside }
         });
         Self {
             turned: turned.collect(),
@@ -97,14 +98,14 @@ impl Brief {
     pub(crate) fn angle(&self, image: &Gray, x: usize, y: usize) -> f64 {
         let (mut m10, mut m01) = (0i32, 0i32);
         let (left, top) = (x + 1 - REACH, y + 1 - REACH);
-        for (line, row) in self.disc.iter().enumerate() {
+        for ((line, row), dy) in self.disc.iter().enumerate().zip(-i32::from(DISC)..) {
             let part = &image.row(top + line)[left..left + PATCH];
             let weigh = |weights: &[i16; PATCH]| -> i32 {
                 let pairs = part.iter().zip(weights);
                 pairs.map(|(&v, &w)| i32::from(v) * i32::from(w)).sum()
             };
             m10 += weigh(&row.columns);
-            m01 += (line as i32 - i32::from(DISC)) * weigh(&row.inside);
+            m01 += dy * weigh(&row.inside);
         }
         f64::from(m01).atan2(f64::from(m10))
     }

@@ -155,7 +155,7 @@ impl<'a> Search<'a> {
             let darkest = u.min(d).max(l.min(r));
             let is_bright = brightest > c.saturating_add(threshold);
             let is_dark = darkest < c.saturating_sub(threshold);
-            *mark = BRIGHT * u8::from(is_bright) | DARK * u8::from(is_dark);
+            *mark = (BRIGHT * u8::from(is_bright)) | (DARK * u8::from(is_dark));
         }
     }
 

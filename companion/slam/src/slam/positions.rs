@@ -199,7 +199,7 @@ impl Slam {
 
 /// How many positions like this one are wrong alike.
 fn alike(covariance: &Matrix3<f64>) -> f64 {
-    let horizontal_m2 = (covariance[(0, 0)] + covariance[(1, 1)]) / 2.0;
+    let horizontal_m2 = f64::midpoint(covariance[(0, 0)], covariance[(1, 1)]);
     if horizontal_m2 < CORRECTED_M * CORRECTED_M {
         ALIKE_CORRECTED
     } else {
