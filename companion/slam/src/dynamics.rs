@@ -51,7 +51,7 @@ pub(crate) use history::History;
 use memory::{Memory, Trace};
 use object::View;
 use region::Label;
-use witness::Judged;
+use witness::{Judged, Votes};
 
 /// Frames for which an object is known again where no detector looks, or where it misses the object.
 pub(crate) const NAMED: u8 = 15;
@@ -187,8 +187,9 @@ pub(crate) fn reject_objects(scene: &Scene<'_>, now: &mut Sighting, rng: &mut Pc
 }
 
 /// Marks in a keyframe what later frames have looked through: somebody stood there, and has gone. Returns the cells that
-/// no other keyframe confirms: too little to be sure that something moves, and next to no loss for a dense map, since what
-/// stands is seen by several.
+/// nobody is sure of: too little evidence that something moves, and next to no loss for a dense map, since what stands is seen
+/// by several. Somebody who walks slowly may be confirmed by the next keyframe, and the one part of them by chance where
+/// the rest is known to move.
 pub(crate) fn reconsider(optics: &Optics, map: &mut Map, id: KeyframeId) -> Vec<bool> {
     let Some(k) = map.keyframes.get(&id) else {
         return Vec::new();
@@ -210,10 +211,16 @@ pub(crate) fn reconsider(optics: &Optics, map: &mut Map, id: KeyframeId) -> Vec<
     let labels = region::label(&k.coarse, &votes, &nothing);
     let age = region::grow(optics, &k.coarse, &labels, &pose);
     let moving = region::with_margin(optics, (&pose, &k.coarse), age.iter().map(Option::is_some));
-    if let Some(k) = map.keyframes.get_mut(&id) {
-        for (cell, found) in k.coarse.moving.iter_mut().zip(moving) {
-            *cell |= found;
-        }
+    let Some(k) = map.keyframes.get_mut(&id) else {
+        return Vec::new();
+    };
+    for (cell, found) in k.coarse.moving.iter_mut().zip(moving) {
+        *cell |= found;
     }
-    labels.iter().map(|l| *l != Label::Confirmed).collect()
+    let part_of_movers = region::part_of_movers(optics, &k.coarse, &pose);
+    let is_sure = |(label, votes): (&Label, &Votes)| *label == Label::Confirmed && votes.is_sure();
+    let sure = labels.iter().zip(&votes).map(is_sure);
+    sure.zip(part_of_movers)
+        .map(|(sure, mover)| !sure || mover)
+        .collect()
 }

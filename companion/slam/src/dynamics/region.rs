@@ -1,5 +1,7 @@
 //! From evidence about single cells to regions that move.
 
+use std::collections::VecDeque;
+
 use nalgebra::{Isometry3, Point3};
 
 use super::memory::Trace;
@@ -32,6 +34,11 @@ const SHOE_M: f32 = 0.12;
 /// The margin in cells, at least and at most.
 const LEAST_MARGIN: usize = 2;
 const MOST_MARGIN: usize = 10;
+
+/// From a part of a person that is known to move to one that is not.
+const BODY_M: f32 = 0.8;
+/// Cells from the rim of a mask, margin included, to what it was grown for.
+const CORE: usize = 4;
 
 /// So many witnesses of free space before or after all who confirm a surface are enough.
 const ENOUGH_APART: u8 = 2;
@@ -260,6 +267,38 @@ pub(super) fn with_margin(
     moving
 }
 
+/// What is connected in depth, over so short a way that it is likely a part of the same, to something that moves.
+pub(super) fn part_of_movers(optics: &Optics, coarse: &Coarse, pose: &Isometry3<f64>) -> Vec<bool> {
+    let ray_step = optics.stride as f32 / optics.camera.fx as f32;
+    let mut part = coarse.moving.clone();
+    // The margin lies on what is behind.
+    for _ in 0..CORE {
+        let all = |cell: &usize| part[*cell] && neighbors(optics, *cell).all(|n| part[n]);
+        let core: Vec<usize> = (0..part.len()).filter(all).collect();
+        part.fill(false);
+        for cell in core {
+            part[cell] = true;
+        }
+    }
+    let mut going: VecDeque<(usize, f32)> = (0..part.len())
+        .filter(|&cell| part[cell] && coarse.depth_m[cell] > 0.0)
+        .map(|cell| (cell, 0.0))
+        .collect();
+    while let Some((cell, way_m)) = going.pop_front() {
+        let depth = coarse.depth_m[cell];
+        let way_m = way_m + depth * ray_step;
+        for n in neighbors(optics, cell) {
+            let there = coarse.depth_m[n];
+            let goes_on = !part[n] && way_m <= BODY_M && connected(depth, there);
+            if goes_on && height(optics, n, there, pose) > FLOOR_M {
+                part[n] = true;
+                going.push_back((n, way_m));
+            }
+        }
+    }
+    part
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -290,5 +329,36 @@ mod tests {
         assert!(suspect(2, Label::Strong, 1) < 1e-6, "as thin as a rim");
         assert!(suspect(6, Label::Weak, 0) < 1e-6, "the frame has drifted");
         assert!(suspect(6, Label::Unknown, 1) < 1e-6);
+    }
+
+    #[test]
+    fn what_hangs_on_a_mover_is_part_of_it_and_what_is_behind_is_not() {
+        let optics = optics();
+        let (across, count) = (optics.cells_across, optics.cell_count());
+        // Somebody 2 m away, from the 40th to the 60th column, before a wall at 4 m: known to move down to the 30th row.
+        let depth_m = (0..count).map(|c| {
+            let is_body = (40..60).contains(&(c % across));
+            if is_body { 2.0 } else { 4.0 }
+        });
+        let mut coarse = Coarse {
+            depth_m: depth_m.collect(),
+            moving: vec![false; count],
+            ..Coarse::default()
+        };
+        for (cell, moving) in coarse.moving.iter_mut().enumerate() {
+            // With a margin of two cells on the wall.
+            *moving = (38..62).contains(&(cell % across)) && cell / across < 30;
+        }
+        // High over the floor.
+        let part = part_of_movers(&optics, &coarse, &Isometry3::translation(0.0, 0.0, 99.0));
+        let at = |column: usize, row: usize| part[row * across + column];
+        assert!(at(50, 20) && at(50, 35) && at(41, 35), "the body");
+        assert!(!at(36, 20) && !at(50 + 20, 35) && !at(36, 35), "the wall");
+        let nobody = Coarse {
+            moving: vec![false; count],
+            ..coarse
+        };
+        let part = part_of_movers(&optics, &nobody, &Isometry3::identity());
+        assert!(part.iter().all(|p| !p));
     }
 }

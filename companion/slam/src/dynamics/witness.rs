@@ -39,6 +39,8 @@ pub(super) struct Votes {
     /// Of the weak ones, the strong ones included, those from which the frame has not drifted.
     pub(super) sound: u8,
     pub(super) confirmed_before: bool,
+    /// By somebody who looked long ago, or long after.
+    pub(super) confirmed_long_ago: bool,
 }
 
 impl Votes {
@@ -48,6 +50,11 @@ impl Votes {
         let known = self.weak == 0 && self.confirm >= ENOUGH;
         self.strong > self.confirm + more
             || (is_newest && (known || self.confirm > self.weak + more))
+    }
+
+    /// Whether the surface is confirmed beyond what somebody who walks slowly may be.
+    pub(super) fn is_sure(self) -> bool {
+        self.confirm >= ENOUGH || self.confirmed_long_ago
     }
 
     fn weak(&mut self, by: Standpoint) {
@@ -71,7 +78,7 @@ impl Votes {
         match by.when {
             When::Before => self.confirmed_before = true,
             When::After => self.apart = 0,
-            When::LongAgo => {}
+            When::LongAgo => self.confirmed_long_ago = true,
         }
     }
 }
@@ -285,5 +292,18 @@ mod tests {
         assert!(heard("cc|").is_decided(4, true));
         assert!(!heard("cc|").is_decided(4, false), "it may leave later");
         assert!(!heard("fcc|").is_decided(4, true));
+    }
+
+    #[test]
+    fn one_who_looked_just_before_is_not_enough_to_be_sure_of_a_surface() {
+        for (said, is_sure) in [
+            ("c|", false),
+            ("|c", false),
+            ("cc|", true),
+            ("c|c", true),
+            ("C|", true),
+        ] {
+            assert_eq!(heard(said).is_sure(), is_sure, "{said}");
+        }
     }
 }
