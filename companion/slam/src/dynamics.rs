@@ -218,7 +218,9 @@ pub(crate) fn reconsider(optics: &Optics, map: &mut Map, id: KeyframeId) -> Vec<
         *cell |= found;
     }
     let part_of_movers = region::part_of_movers(optics, &k.coarse, &pose);
-    let is_sure = |(label, votes): (&Label, &Votes)| *label == Label::Confirmed && votes.is_sure();
+    let most = votes.iter().map(|v| v.confirm).max().unwrap_or(0);
+    let is_sure =
+        |(label, votes): (&Label, &Votes)| *label == Label::Confirmed && votes.is_sure(most);
     let sure = labels.iter().zip(&votes).map(is_sure);
     sure.zip(part_of_movers)
         .map(|(sure, mover)| !sure || mover)

@@ -53,8 +53,9 @@ impl Votes {
     }
 
     /// Whether the surface is confirmed beyond what somebody who walks slowly may be.
-    pub(super) fn is_sure(self) -> bool {
-        self.confirm >= ENOUGH || self.confirmed_long_ago
+    /// `most` is how many confirm any surface of the picture: where there are not two to ask, one is enough.
+    pub(super) fn is_sure(self, most: u8) -> bool {
+        self.confirm >= ENOUGH.min(most) || self.confirmed_long_ago
     }
 
     fn weak(&mut self, by: Standpoint) {
@@ -296,6 +297,7 @@ mod tests {
 
     #[test]
     fn one_who_looked_just_before_is_not_enough_to_be_sure_of_a_surface() {
+        assert!(heard("c|").is_sure(1), "there is nobody else to ask");
         for (said, is_sure) in [
             ("c|", false),
             ("|c", false),
@@ -303,7 +305,7 @@ mod tests {
             ("c|c", true),
             ("C|", true),
         ] {
-            assert_eq!(heard(said).is_sure(), is_sure, "{said}");
+            assert_eq!(heard(said).is_sure(3), is_sure, "{said}");
         }
     }
 }
