@@ -47,8 +47,10 @@ const SIGMA: f64 = 31.0 / 5.0;
 const TURNS: usize = 32;
 const SEED: u64 = 0x7461_6e64_656d;
 
-/// A row of the pixels that a description looks at: the corner's row, and 15 pixels on each side of it.
+/// Side of the square that is looked at: the corner's pixel, 15 before and 15 after it, and one to make it a power of two.
 const PATCH: usize = 32;
+// Pixels that are compared lie within the square, whichever way they are turned.
+const _: () = assert!(FARTHEST + 1.0 < (REACH - 1) as f64);
 
 /// Where in the patch two pixels lie that are compared.
 type Pair = [u16; 2];
@@ -202,7 +204,8 @@ mod tests {
         let (least, most) = places.flatten().fold((PATCH, 0), |(least, most), at| {
             (least.min(at), most.max(at))
         });
-        // What lay before the patch would have been drawn in to its rim.
-        assert!(least > 0 && most < PATCH - 1, "{least} to {most}");
+        let middle = REACH - 1;
+        let farthest = (middle - least).max(most - middle) as f64;
+        assert!(farthest <= FARTHEST.ceil(), "{least} to {most}");
     }
 }

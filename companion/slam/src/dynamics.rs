@@ -188,8 +188,8 @@ pub(crate) fn reject_objects(scene: &Scene<'_>, now: &mut Sighting, rng: &mut Pc
 
 /// Marks in a keyframe what later frames have looked through: somebody stood there, and has gone. Returns the cells that
 /// nobody is sure of: too little evidence that something moves, and next to no loss for a dense map, since what stands is seen
-/// by several. Somebody who walks slowly may be confirmed by the next keyframe, and the one part of them by chance where
-/// the rest is known to move.
+/// by several. Somebody who walks slowly may be confirmed by the next keyframe, and a part of them by chance where the rest
+/// is known to move.
 pub(crate) fn reconsider(optics: &Optics, map: &mut Map, id: KeyframeId) -> Vec<bool> {
     let Some(k) = map.keyframes.get(&id) else {
         return Vec::new();

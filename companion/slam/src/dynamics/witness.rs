@@ -52,8 +52,8 @@ impl Votes {
             || (is_newest && (known || self.confirm > self.weak + more))
     }
 
-    /// Whether the surface is confirmed beyond what somebody who walks slowly may be.
-    /// `most` is how many confirm any surface of the picture: where there are not two to ask, one is enough.
+    /// Whether the surface is confirmed beyond what somebody who walks slowly may be. `most` is how many
+    /// confirm any surface of the picture: where there are not two to ask, one is enough.
     pub(super) fn is_sure(self, most: u8) -> bool {
         self.confirm >= ENOUGH.min(most) || self.confirmed_long_ago
     }

@@ -213,3 +213,84 @@ impl Positions {
         before.map_or_else(Isometry3::identity, |(_, bend)| *bend)
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use maps::camera::Pinhole;
+
+    use super::*;
+    use crate::Settings;
+    use crate::map::tests::keyframe;
+
+    const KEYFRAMES: u32 = 40;
+
+    /// A way of 39 m along x, as vision has it.
+    fn straight() -> Slam {
+        let camera = Pinhole {
+            width: 64,
+            height: 48,
+            fx: 40.0,
+            fy: 40.0,
+            cx: 31.5,
+            cy: 23.5,
+            distortion: [0.0; 5],
+        };
+        let mut slam = Slam::new(camera, Settings::default());
+        for i in 0..KEYFRAMES {
+            let id = slam.map.add_keyframe(keyframe(vec![None]));
+            let pose = Isometry3::translation(f64::from(i), 0.0, 0.0);
+            slam.map.set_pose(id, pose);
+        }
+        slam
+    }
+
+    /// What a receiver says of it, half a metre to the side in the middle.
+    fn bowed(i: u32) -> Tied {
+        let share = f64::from(i) / f64::from(KEYFRAMES - 1);
+        Tied {
+            map: 0,
+            keyframe: KeyframeId(i),
+            from_keyframe: Vector3::zeros(),
+            in_enu: Vector3::new(f64::from(i), 2.0 * share * (1.0 - share), 0.0),
+            covariance: Matrix3::identity() * 1e-3,
+        }
+    }
+
+    /// How far the middle lies beside the line between the ends.
+    fn bow_m(slam: &Slam) -> f64 {
+        let y = |i: u32| slam.map.poses[i as usize].translation.vector.y;
+        y(KEYFRAMES / 2) - f64::midpoint(y(0), y(KEYFRAMES - 1))
+    }
+
+    #[test]
+    fn what_was_said_once_bends_the_way_once_however_often_it_is_heard() {
+        let mut slam = straight();
+        slam.positions.tied = (0..KEYFRAMES).map(bowed).collect();
+        let bows = [(); 4].map(|()| {
+            slam.positions.new = WORTH;
+            slam.use_positions();
+            bow_m(&slam)
+        });
+        assert!((0.01..0.45).contains(&bows[0]), "{bows:?}");
+        assert!((bows[3] - bows[0]).abs() < 0.01 * bows[0], "{bows:?}");
+    }
+
+    #[test]
+    fn a_receiver_with_corrections_is_believed_sooner_than_one_without() {
+        let of = |sigma_m: f64| alike(&(Matrix3::identity() * sigma_m * sigma_m));
+        assert!(of(0.02) < of(2.0));
+    }
+
+    #[test]
+    fn a_position_beside_a_culled_keyframe_counts_by_the_nearest_that_is_kept() {
+        let mut slam = straight();
+        slam.positions.tied = (0..KEYFRAMES).map(bowed).collect();
+        let all = slam.sighted();
+        slam.map.remove_keyframe(KeyframeId(20));
+        let rest = slam.sighted();
+        assert_eq!(rest.len(), all.len());
+        let neighbours = [KeyframeId(19), KeyframeId(21)];
+        assert!(neighbours.contains(&rest[20].0));
+        assert!((rest[20].1.in_world - all[20].1.in_world).norm() < 1e-9);
+    }
+}

@@ -9,6 +9,7 @@ mod scene;
 
 use maps::frame::{Camera, Isometry, World};
 use maps::time::Stamp;
+use nalgebra::Vector6;
 use proptest::prelude::*;
 use scene::{Block, CAMERA, apart, looking, point, render};
 use slam::{DenseKeyframe, FrameError, Moving, Settings, Slam, State, Tracked};
@@ -84,6 +85,27 @@ fn the_path_of_the_camera_and_the_height_of_the_floor_are_found() {
     assert_eq!(path.len(), 75);
     let (off_m, _) = apart(path[74].1, truth(74));
     assert!(off_m < 0.02, "{off_m} m off at the end");
+}
+
+/// The normalised error: eᵀ·P⁻¹·e of the six coordinates of a pose is distributed as χ², with a mean of 6, if the covariance is
+/// honest. The room has neither a lens nor a clock that is off, which the covariance allows for: it may be too large.
+#[test]
+fn a_pose_is_no_farther_off_than_its_covariance_says() {
+    let mut slam = slam();
+    let outcomes = run(&mut slam, 150, |_| vec![TABLE]);
+    let errors = (1..150).map(|i| {
+        let outcome = &outcomes[i as usize];
+        let off = outcome.world_from_camera.raw.inverse() * truth(i).raw;
+        let (t, r) = (off.translation.vector, off.rotation.scaled_axis());
+        let e = Vector6::new(t.x, t.y, t.z, r.x, r.y, r.z);
+        let covariance = outcome.covariance.cholesky();
+        e.dot(&covariance.expect("positive definite").solve(&e))
+    });
+    let errors: Vec<f64> = errors.collect();
+    let mean = errors.iter().sum::<f64>() / errors.len() as f64 / 6.0;
+    assert!((0.01..1.0).contains(&mean), "{mean}");
+    let unlikely = errors.iter().filter(|e| **e > 12.592).count();
+    assert!(20 * unlikely <= errors.len(), "{unlikely} beyond 95 %");
 }
 
 #[test]
@@ -183,6 +205,16 @@ fn dense_points_lie_on_the_surfaces_of_the_room() {
     }
     assert!(counted > 10_000, "{counted} points");
     assert!(!TABLE.contains(point(0.0, 0.0, 0.0), 0.04));
+}
+
+#[test]
+fn what_was_seen_for_less_than_a_second_is_mapped_though_there_are_not_two_to_confirm_it() {
+    let mut slam = slam();
+    run(&mut slam, 20, |_| vec![TABLE]);
+    let dense = slam.finish().keyframes;
+    let points: usize = dense.iter().map(|k| k.points().count()).sum();
+    assert_eq!(dense.len(), 2, "else the test shows nothing");
+    assert!(points > 5_000, "{points} points");
 }
 
 #[test]
