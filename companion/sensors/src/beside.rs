@@ -1,5 +1,5 @@
-//! What other sensors of the vehicle measured beside a frame: how it has turned, by its gyroscope, and where it was, by
-//! its satellite receiver. Neither is needed; a source that has none gives frames all the same.
+//! What other sensors of the vehicle measured beside a frame: how it has turned and was pushed, by its inertial unit, and
+//! where it was, by its satellite receiver. None is needed; a source that has none gives frames all the same.
 
 use std::collections::VecDeque;
 use std::time::Duration;
@@ -15,6 +15,9 @@ pub struct Beside {
     /// How the vehicle has turned since the frame before, in the axes of its gyroscope: the later attitude seen from the
     /// earlier one. `None` without a gyroscope, or where it was silent.
     pub turned: Option<UnitQuaternion<f64>>,
+    /// The mean specific force since the frame before, in m/s² and in the axes that the unit had midway: at rest, gravity
+    /// upwards. `None` where `turned` is, or without an accelerometer.
+    pub specific_force: Option<Vector3<f64>>,
     /// The newest position that has come since the frame before.
     pub fix: Option<SatelliteFix>,
 }
@@ -40,31 +43,79 @@ const LONGEST_GAP: Duration = Duration::from_millis(20);
 const MOST_SAMPLES: usize = 2048;
 /// No vehicle turns faster than the range of its gyroscope: 2000°/s and some.
 const FASTEST_RAD_S: f64 = 40.0;
+/// Nor is it pushed harder than the range of its accelerometer: 32 g.
+const HARDEST_MPS2: f64 = 314.0;
+
+/// A sample of an inertial unit, or what several come to.
+#[derive(Clone, Copy, Debug)]
+struct Sample {
+    at: Stamp,
+    rates: Vector3<f64>,
+    /// NaN where there is none.
+    specific_force: Vector3<f64>,
+}
+
+impl Sample {
+    fn mean(&self, other: &Self) -> Self {
+        Self {
+            at: self.at,
+            rates: (self.rates + other.rates) / 2.0,
+            specific_force: (self.specific_force + other.specific_force) / 2.0,
+        }
+    }
+}
+
+/// What the samples between two frames add up to.
+#[derive(Clone, Copy, Debug)]
+struct Sum {
+    turned: UnitQuaternion<f64>,
+    /// m/s.
+    pushed: Vector3<f64>,
+}
+
+impl Sum {
+    fn add(&mut self, mean: &Sample, lasting: Duration) {
+        let dt = lasting.as_secs_f64();
+        self.turned *= UnitQuaternion::from_scaled_axis(mean.rates * dt);
+        self.pushed += mean.specific_force * dt;
+    }
+}
 
 /// Collects messages until a frame is whole.
 #[derive(Debug, Default)]
-pub(crate) struct Collector {
-    /// Angular velocity, in order of time.
-    rates: VecDeque<(Stamp, Vector3<f64>)>,
+pub struct Collector {
+    /// In order of time.
+    samples: VecDeque<Sample>,
     fix: Option<SatelliteFix>,
     last_frame: Option<Stamp>,
 }
 
 impl Collector {
-    /// A sample of the gyroscope; what is no measurement, or comes late, is left out.
-    pub(crate) fn add_imu(&mut self, imu: &Imu<'_>) {
+    /// A sample of the inertial unit; what is no measurement, or comes late, is left out.
+    pub fn add_imu(&mut self, imu: &Imu<'_>) {
         let is_rate = imu.rates.norm() < FASTEST_RAD_S;
-        let is_next = self.rates.back().is_none_or(|&(last, _)| last < imu.at);
+        let is_next = self.samples.back().is_none_or(|last| last.at < imu.at);
+        let force_mps2 = imu.specific_force.norm();
+        // A unit without an accelerometer says nought.
+        let is_force = force_mps2 > 0.0 && force_mps2 < HARDEST_MPS2;
         if is_rate && is_next {
-            self.rates.push_back((imu.at, imu.rates));
-            if self.rates.len() > MOST_SAMPLES {
-                self.rates.pop_front();
+            self.samples.push_back(Sample {
+                at: imu.at,
+                rates: imu.rates,
+                specific_force: if is_force {
+                    imu.specific_force
+                } else {
+                    Vector3::repeat(f64::NAN)
+                },
+            });
+            if self.samples.len() > MOST_SAMPLES {
+                self.samples.pop_front();
             }
         }
     }
 
     /// A position; one without a fix is left out.
-    pub(crate) fn add_fix(&mut self, fix: &NavSatFix<'_>) {
+    pub fn add_fix(&mut self, fix: &NavSatFix<'_>) {
         let variances = fix.variances_m2;
         let numbers = [fix.latitude_deg, fix.longitude_deg, fix.altitude_m];
         let is_place = numbers.iter().all(|n| n.is_finite())
@@ -83,43 +134,51 @@ impl Collector {
     }
 
     /// A frame of that time is whole: what was measured since the one before.
-    pub(crate) fn until(&mut self, frame: Stamp) -> Beside {
+    pub fn until(&mut self, frame: Stamp) -> Beside {
         let before = self.last_frame.replace(frame);
-        let turned = before.and_then(|before| self.turn(before, frame));
+        let measured = before.and_then(|before| Some((before, self.sum(before, frame)?)));
         // The last sample before the frame is the first of the next one's.
-        while self.rates.get(1).is_some_and(|&(at, _)| at <= frame) {
-            self.rates.pop_front();
+        while self.samples.get(1).is_some_and(|s| s.at <= frame) {
+            self.samples.pop_front();
         }
+        let mean = |(before, sum): (Stamp, Sum)| sum.pushed / frame.since(before).as_secs_f64();
         Beside {
-            turned,
+            turned: measured.map(|(_, sum)| sum.turned),
+            specific_force: measured
+                .map(mean)
+                .filter(|force| force.iter().all(|c| c.is_finite())),
             fix: self.fix.take(),
         }
     }
 
-    /// The rates between two moments, added up; between two samples their mean holds, before the first and after the last
-    /// the nearest.
-    fn turn(&self, from: Stamp, to: Stamp) -> Option<UnitQuaternion<f64>> {
-        let mut turn = UnitQuaternion::identity();
+    /// What was measured between two moments, added up; between two samples their mean holds, before the first and after
+    /// the last the nearest.
+    fn sum(&self, from: Stamp, to: Stamp) -> Option<Sum> {
+        let mut sum = Sum {
+            turned: UnitQuaternion::identity(),
+            pushed: Vector3::zeros(),
+        };
         let mut done = from;
-        let mut last: Option<(Stamp, Vector3<f64>)> = None;
-        for &(at, rate) in &self.rates {
-            let mean = last.map_or(rate, |(_, before)| (before + rate) / 2.0);
-            let start = last.map_or(done, |(at, _)| at);
-            let end = at.min(to);
+        let mut last: Option<&Sample> = None;
+        for sample in &self.samples {
+            let mean = last.map_or(*sample, |last| last.mean(sample));
+            let start = last.map_or(done, |last| last.at);
+            let end = sample.at.min(to);
             if end > done {
-                if at.since(start) > LONGEST_GAP {
+                if sample.at.since(start) > LONGEST_GAP {
                     return None;
                 }
-                turn *= UnitQuaternion::from_scaled_axis(mean * end.since(done).as_secs_f64());
+                sum.add(&mean, end.since(done));
                 done = end;
             }
-            last = Some((at, rate));
+            last = Some(sample);
         }
-        let (at, rate) = last?;
-        if to.since(at) > LONGEST_GAP {
+        let last = last?;
+        if to.since(last.at) > LONGEST_GAP {
             return None;
         }
-        Some(turn * UnitQuaternion::from_scaled_axis(rate * to.since(done).as_secs_f64()))
+        sum.add(last, to.since(done));
+        Some(sum)
     }
 }
 
@@ -174,6 +233,28 @@ mod tests {
     }
 
     #[test]
+    fn the_specific_force_is_the_mean_over_the_time_between_frames() {
+        let mean = |force: &dyn Fn(u64) -> f64| {
+            let mut collector = Collector::default();
+            for at in (990..1040).step_by(3) {
+                collector.add_imu(&Imu {
+                    specific_force: Vector3::new(0.0, 0.0, force(at)),
+                    ..imu(at, 0.0)
+                });
+                if (1000..1003).contains(&at) {
+                    collector.until(ms(1000));
+                }
+            }
+            collector.until(ms(1033)).specific_force.map(|f| f.z)
+        };
+        let rising = mean(&|at| 9.8 + (at as f64 - 1000.0) / 10.0).expect("samples");
+        assert!((rising - 9.8 - 1.65).abs() < 1e-3, "{rising}");
+        assert_eq!(mean(&|_| 0.0), None, "no accelerometer");
+        let broken = mean(&|at| if at == 1020 { f64::NAN } else { 9.8 });
+        assert_eq!(broken, None);
+    }
+
+    #[test]
     fn a_silent_gyroscope_tells_no_turn() {
         assert_eq!(turned([]), None);
         assert_eq!(turned([995, 1000, 1005]), None, "nothing to the end");
@@ -194,11 +275,11 @@ mod tests {
         ] {
             collector.add_imu(&imu(at, rate));
         }
-        assert_eq!(collector.rates.len(), 1);
+        assert_eq!(collector.samples.len(), 1);
         for i in 0..3 * MOST_SAMPLES as u64 {
             collector.add_imu(&imu(10 + i, 0.0));
         }
-        assert_eq!(collector.rates.len(), MOST_SAMPLES);
+        assert_eq!(collector.samples.len(), MOST_SAMPLES);
         let fix = NavSatFix {
             at: ms(1),
             frame_id: "gnss",

@@ -1,4 +1,4 @@
-//! What may be known of a frame beside its images: by a gyroscope, a detector, a satellite receiver. Nothing of it is
+//! What may be known of a frame beside its images: by an inertial unit, a detector, a satellite receiver. Nothing of it is
 //! needed; what is there helps.
 
 use maps::evidence;
@@ -13,10 +13,24 @@ pub struct Aid<'a> {
     /// How the camera has turned since the frame before: `last_camera_from_this_camera`, integrated from a gyroscope and
     /// turned into the camera's axes.
     pub turned: Option<UnitQuaternion<f64>>,
+    /// What an accelerometer felt since the frame before.
+    pub felt: Option<Felt>,
     /// What a detector has answered since the frame before; `None` where it has not.
     pub objects: Option<Seen<'a>>,
     /// Where the vehicle was, by a satellite receiver.
     pub position: Option<Fix>,
+}
+
+/// What an accelerometer feels at rest: standard gravity.
+pub(crate) const GRAVITY_MPS2: f64 = 9.806_65;
+
+/// What an accelerometer felt between two frames.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Felt {
+    /// The mean specific force in m/s², at rest gravity upwards: in the axes that the camera had midway.
+    pub specific_force: Vector3<f64>,
+    /// Where the accelerometer is in the camera's axes, in metres.
+    pub unit_in_camera: Vector3<f64>,
 }
 
 /// What a detector sees in one frame: this one, or one of the last [`Seen::KEPT`] that were tracked. What it says of that

@@ -81,7 +81,7 @@ pub(crate) fn reject_moving(scene: &Scene<'_>, now: &mut Sighting, history: &mut
     };
     let votes = witness::votes(optics, scene.map, &frame);
     let last_from_this = history.last_from(pose);
-    let recalled = history.recall(optics, (&last_from_this, &now.coarse.depth_m));
+    let recalled = history.recall(optics, scene.at, (&last_from_this, &now.coarse.depth_m));
     let counts = features::testimony(&Pair {
         optics,
         map: scene.map,

@@ -78,7 +78,7 @@ mod triangulate;
 mod worker;
 
 pub use ahead::{Ahead, Looked};
-pub use aid::{Aid, Fix, MaskError, Mobility, Object, PixelMask, Seen};
+pub use aid::{Aid, Felt, Fix, MaskError, Mobility, Object, PixelMask, Seen};
 pub use dense::{DenseKeyframe, DenseUpdate};
 pub use front_end::{FrontEnd, Look};
 pub use level::Floor;

@@ -151,10 +151,10 @@ impl<'a> Comparison<'a> {
             now.claim(feature, id, distance);
         }
         let known = Located { optics, map };
-        let mut fit = known.fit_matches(now, &pose)?;
+        let mut fit = known.fit_matches(now, &pose, None)?;
         for radius in [10.0, 4.0] {
             match_map(optics, map, now, (&fit.world_from_camera, radius));
-            fit = known.fit_matches(now, &fit.world_from_camera)?;
+            fit = known.fit_matches(now, &fit.world_from_camera, None)?;
         }
         Some(fit)
     }
@@ -167,7 +167,7 @@ impl<'a> Comparison<'a> {
         let (map, then) = (&self.now.around.map, &mut self.then_shows);
         match_map(optics, map, then, (&then_in_new_map, 6.0));
         let known = Located { optics, map };
-        let Some(fit) = known.fit_matches(then, &then_in_new_map) else {
+        let Some(fit) = known.fit_matches(then, &then_in_new_map, None) else {
             return false;
         };
         let pose = fit.world_from_camera;

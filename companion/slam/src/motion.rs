@@ -1,7 +1,17 @@
-//! The camera's motion, to guess the next pose: constant velocity.
+//! The camera's motion, to guess the next pose: by its velocity, and by what an inertial unit has measured since.
+//!
+//! ```text
+//! R = R_last·ΔR         p = p_last + (v + (R_mid·f + g)·dt)·dt         with ΔR by the gyroscope, f by the accelerometer
+//! ```
+//!
+//! `v` is the velocity between the last two poses, R_mid the attitude midway. Where they are not measured, both velocities
+//! are constant in the camera.
 
 use maps::time::Stamp;
 use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
+
+use crate::aid::{Aid, GRAVITY_MPS2};
+use crate::solver::Prior;
 
 /// The last pose, and the velocity that led to it.
 #[derive(Clone, Debug, Default)]
@@ -11,10 +21,30 @@ pub(crate) struct Motion {
     /// In the camera, per second.
     linear: Vector3<f64>,
     angular: Vector3<f64>,
+    /// In the world: of several steps, where an accelerometer tells how they differ.
+    velocity: Vector3<f64>,
+    /// Whether the velocities are known.
+    is_known: bool,
+}
+
+/// Where the camera is thought to be before its picture is looked at.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Guess {
+    pub(crate) pose: Isometry3<f64>,
+    /// How well that is known, where an inertial unit has measured the turn.
+    pub(crate) prior: Option<Prior>,
 }
 
 /// For how long a velocity is believed.
 const LONGEST_S: f64 = 0.3;
+/// Standard deviations of a step between two poses, by the noise of both, and of an acceleration that was not measured and
+/// of one that was.
+pub(crate) const STEP_SIGMA_M: f64 = 0.008;
+const STEP_SIGMA_RAD: f64 = 0.002;
+const ACCELERATION_SIGMA_MPS2: f64 = 5.0;
+const FELT_SIGMA_MPS2: f64 = 0.5;
+/// How much of the velocity is that of the last step, where an accelerometer tells how it has changed.
+const VELOCITY_GAIN: f64 = 0.25;
 /// A step this much off the guess is a jump, not motion.
 const JUMP_M: f64 = 0.3;
 const JUMP_RAD: f64 = 0.35;
@@ -31,7 +61,46 @@ impl Motion {
         }
     }
 
-    /// Where the camera should be at `at`.
+    /// Where the camera should be at `at`, by its velocity and by what an inertial unit has measured.
+    pub(crate) fn guess(&self, at: Stamp, aid: &Aid<'_>) -> Guess {
+        let mut pose = self.predict(at);
+        let is_turn = |turn: &UnitQuaternion<f64>| turn.coords.iter().all(|c| c.is_finite());
+        let Some(turned) = aid.turned.filter(is_turn) else {
+            return Guess { pose, prior: None };
+        };
+        pose.rotation = self.pose.rotation * turned;
+        let dt = at.since(self.at).as_secs_f64();
+        if !self.is_known || dt > LONGEST_S {
+            return Guess { pose, prior: None };
+        }
+        let mut sigma_mps2 = ACCELERATION_SIGMA_MPS2;
+        if let Some(acceleration) = self.acceleration(aid) {
+            let step = (self.velocity + acceleration * dt) * dt;
+            pose.translation = Translation3::from(self.pose.translation.vector + step);
+            sigma_mps2 = FELT_SIGMA_MPS2;
+        }
+        let prior = Prior {
+            pose,
+            sigma_m: STEP_SIGMA_M.hypot(sigma_mps2 * dt * dt),
+            sigma_rad: STEP_SIGMA_RAD,
+        };
+        Guess {
+            pose,
+            prior: Some(prior),
+        }
+    }
+
+    /// In the world, since the last pose, if an accelerometer has felt it.
+    fn acceleration(&self, aid: &Aid<'_>) -> Option<Vector3<f64>> {
+        let midway = self.pose.rotation * aid.turned?.powf(0.5);
+        let acceleration = midway * aid.felt?.specific_force - GRAVITY_MPS2 * Vector3::z();
+        acceleration
+            .iter()
+            .all(|c| c.is_finite())
+            .then_some(acceleration)
+    }
+
+    /// Where the camera should be at `at`, by its velocity alone.
     pub(crate) fn predict(&self, at: Stamp) -> Isometry3<f64> {
         let dt = at.since(self.at).as_secs_f64().min(LONGEST_S);
         let step = Isometry3::from_parts(
@@ -61,12 +130,18 @@ impl Motion {
     }
 
     /// The camera has moved to `pose`.
-    pub(crate) fn advance(&mut self, at: Stamp, pose: Isometry3<f64>) {
+    pub(crate) fn advance(&mut self, at: Stamp, pose: Isometry3<f64>, aid: &Aid<'_>) {
         let dt = at.since(self.at).as_secs_f64();
         let step = self.pose.inverse() * pose;
         if dt > 1e-6 {
+            let measured = (pose.translation.vector - self.pose.translation.vector) / dt;
+            let felt = self.acceleration(aid).filter(|_| self.is_known);
+            self.velocity = felt.map_or(measured, |acceleration| {
+                (self.velocity + acceleration * dt).lerp(&measured, VELOCITY_GAIN)
+            });
             self.linear = step.translation.vector / dt;
             self.angular = step.rotation.scaled_axis() / dt;
+            self.is_known = true;
         }
         (self.at, self.pose) = (at, pose);
     }
@@ -92,7 +167,7 @@ mod tests {
         let at = |ms: u64| Stamp::from_nanos(ms * 1_000_000);
         let pose = |x: f64| Isometry3::translation(x, 0.0, 0.0);
         let mut motion = Motion::at_rest(at(0), pose(0.0));
-        motion.advance(at(30), pose(0.03));
+        motion.advance(at(30), pose(0.03), &Aid::default());
         let predicted = motion.predict(at(90));
         assert!((predicted.translation.vector.x - 0.09).abs() < 1e-12);
         assert!(!motion.jumps_to(at(90), &pose(0.2)));

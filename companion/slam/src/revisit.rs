@@ -123,7 +123,7 @@ fn same_place(
         })
     };
     let sights: Vec<Sight> = pairs.iter().map(sight).collect::<Option<_>>()?;
-    let fit = fit_pose(optics, &rough, &sights)?;
+    let fit = fit_pose(optics, &rough, &sights, None)?;
     let agreeing = pairs.into_iter().zip(fit.agrees).filter(|(_, a)| *a);
     let pairs: Vec<Pair> = agreeing.map(|(pair, _)| pair).collect();
     (pairs.len() >= FEWEST_PAIRS).then_some((fit.world_from_camera, pairs))

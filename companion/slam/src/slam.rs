@@ -176,7 +176,7 @@ impl Slam {
         let keyframe = match self.state {
             State::Searching => self.start(frame, now, aid),
             State::Tracking | State::Lost { .. } => match self.locate(frame.at, &mut now, aid) {
-                Some(fit) => self.follow(frame, now, &fit),
+                Some(fit) => self.follow(frame, now, (&fit, aid)),
                 None => self.lose(frame, now, aid),
             },
         };
@@ -289,7 +289,7 @@ impl Slam {
             State::Tracking => known.follow(
                 &self.last.sighting,
                 &self.last.motion,
-                (at, aid.turned),
+                &self.last.motion.guess(at, aid),
                 now,
             ),
             State::Searching | State::Lost { .. } => None,
@@ -351,16 +351,16 @@ impl Slam {
             optics: &self.optics,
             map: &self.map,
         };
-        known.fit_matches(now, &pose)
+        known.fit_matches(now, &pose, fit.prior)
     }
 
-    fn follow(&mut self, frame: &RgbdFrame, now: Sighting, fit: &Fit) -> bool {
+    fn follow(&mut self, frame: &RgbdFrame, now: Sighting, (fit, aid): (&Fit, &Aid<'_>)) -> bool {
         let pose = fit.world_from_camera;
         if matches!(self.state, State::Lost { .. }) || self.last.motion.jumps_to(frame.at, &pose) {
             self.reset_counter = self.reset_counter.wrapping_add(1);
             self.last.motion = Motion::at_rest(frame.at, pose);
         } else {
-            self.last.motion.advance(frame.at, pose);
+            self.last.motion.advance(frame.at, pose, aid);
         }
         self.state = State::Tracking;
         mapping::count_found(&self.optics, &mut self.map, &now, &pose);

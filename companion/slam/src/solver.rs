@@ -53,6 +53,14 @@ pub(crate) struct Sight {
     pub(crate) seen: Seen,
 }
 
+/// What is known of a pose beside the points: standard deviations of its place and its attitude.
+#[derive(Clone, Copy, Debug)]
+pub(crate) struct Prior {
+    pub(crate) pose: Isometry3<f64>,
+    pub(crate) sigma_m: f64,
+    pub(crate) sigma_rad: f64,
+}
+
 /// A pose and what supports it.
 #[derive(Clone, Debug)]
 pub(crate) struct Fit {
@@ -60,8 +68,10 @@ pub(crate) struct Fit {
     /// Which of the sights agree.
     pub(crate) agrees: Vec<bool>,
     pub(crate) agreeing: usize,
-    /// Of the right perturbation, translation first.
+    /// By the points alone, of the right perturbation, translation first.
     pub(crate) covariance: Matrix6<f64>,
+    /// What was known of it before.
+    pub(crate) prior: Option<Prior>,
 }
 
 /// `T · exp(ξ)`, translation first.
@@ -151,6 +161,25 @@ struct Normal {
     cost: f64,
 }
 
+impl Normal {
+    /// Residuals `R_priorᵀ·(t - t_prior)` and the rotation vector of `R_priorᵀ·R`; both change by ξ itself, next to it.
+    fn add_prior(&mut self, pose: &Isometry3<f64>, prior: &Prior) {
+        let off = prior.pose.inverse() * pose;
+        let parts = [
+            (off.translation.vector, prior.sigma_m),
+            (off.rotation.scaled_axis(), prior.sigma_rad),
+        ];
+        for (first, (off, sigma)) in [0, 3].into_iter().zip(parts) {
+            let information = sigma.powi(-2);
+            for i in 0..3 {
+                self.h[(first + i, first + i)] += information;
+                self.b[first + i] += information * off[i];
+            }
+            self.cost += information * off.norm_squared();
+        }
+    }
+}
+
 fn linearise(optics: &Optics, pose: &Isometry3<f64>, sights: &[Sight], agrees: &[bool]) -> Normal {
     let inverse = pose.inverse();
     let mut normal = Normal {
@@ -178,7 +207,12 @@ fn linearise(optics: &Optics, pose: &Isometry3<f64>, sights: &[Sight], agrees: &
 }
 
 /// Fits the pose, from a start near it; `None` if too few points agree or they leave it undetermined.
-pub(crate) fn fit_pose(optics: &Optics, start: &Isometry3<f64>, sights: &[Sight]) -> Option<Fit> {
+pub(crate) fn fit_pose(
+    optics: &Optics,
+    start: &Isometry3<f64>,
+    sights: &[Sight],
+    prior: Option<Prior>,
+) -> Option<Fit> {
     const FEWEST: usize = 6;
     let mut pose = *start;
     let mut agrees = vec![true; sights.len()];
@@ -187,7 +221,7 @@ pub(crate) fn fit_pose(optics: &Optics, start: &Isometry3<f64>, sights: &[Sight]
         if agreeing < FEWEST {
             return None;
         }
-        pose = descend(optics, pose, sights, &agrees)?;
+        pose = descend(optics, pose, (sights, &agrees), prior.as_ref())?;
         let inverse = pose.inverse();
         for (sight, agree) in sights.iter().zip(&mut agrees) {
             let q = inverse * nalgebra::Point3::from(sight.point);
@@ -213,17 +247,25 @@ pub(crate) fn fit_pose(optics: &Optics, start: &Isometry3<f64>, sights: &[Sight]
         agrees,
         agreeing,
         covariance,
+        prior,
     })
 }
 
 fn descend(
     optics: &Optics,
     start: Isometry3<f64>,
-    sights: &[Sight],
-    agrees: &[bool],
+    (sights, agrees): (&[Sight], &[bool]),
+    prior: Option<&Prior>,
 ) -> Option<Isometry3<f64>> {
     let mut pose = start;
-    let mut normal = linearise(optics, &pose, sights, agrees);
+    let linearise = |pose: &Isometry3<f64>| {
+        let mut normal = linearise(optics, pose, sights, agrees);
+        if let Some(prior) = prior {
+            normal.add_prior(pose, prior);
+        }
+        normal
+    };
+    let mut normal = linearise(&pose);
     let mut damping = 1e-4;
     for _ in 0..10 {
         let mut damped = normal.h;
@@ -232,7 +274,7 @@ fn descend(
         }
         let step = -damped.cholesky()?.solve(&normal.b);
         let tried = boxplus(&pose, &step);
-        let next = linearise(optics, &tried, sights, agrees);
+        let next = linearise(&tried);
         if next.cost < normal.cost {
             let gain = normal.cost - next.cost;
             (pose, normal) = (tried, next);
@@ -315,7 +357,7 @@ mod tests {
             &truth(),
             &Vector6::new(0.05, -0.04, 0.06, 0.03, 0.02, -0.03),
         );
-        let fit = fit_pose(&optics, &start, &sights).expect("75 good sights");
+        let fit = fit_pose(&optics, &start, &sights, None).expect("75 good sights");
         let off = truth().inverse() * fit.world_from_camera;
         assert!(off.translation.vector.norm() < 0.02, "{off:?}");
         let wrong = fit.agrees.iter().skip(3).step_by(4).filter(|&&a| a).count();
@@ -331,7 +373,7 @@ mod tests {
         let mut sum = 0.0;
         for _ in 0..runs {
             let sights = sights(&optics, &truth(), &mut rng, 1000);
-            let fit = fit_pose(&optics, &truth(), &sights).expect("100 good sights");
+            let fit = fit_pose(&optics, &truth(), &sights, None).expect("100 good sights");
             let off = truth().inverse() * fit.world_from_camera;
             let (t, r) = (off.translation.vector, off.rotation.scaled_axis());
             let xi = Vector6::new(t.x, t.y, t.z, r.x, r.y, r.z);
@@ -351,7 +393,10 @@ mod tests {
     fn too_few_or_degenerate_points_give_no_pose() {
         let optics = Optics::new(CAMERA);
         let few = &sights(&optics, &truth(), &mut Pcg64::seed_from_u64(3), 1000)[..5];
-        assert!(fit_pose(&optics, &truth(), few).is_none(), "five points");
+        assert!(
+            fit_pose(&optics, &truth(), few, None).is_none(),
+            "five points"
+        );
         let behind = vec![
             Sight {
                 point: Vector3::new(0.0, 0.0, -1.0),
@@ -360,7 +405,7 @@ mod tests {
             20
         ];
         assert!(
-            fit_pose(&optics, &Isometry3::identity(), &behind).is_none(),
+            fit_pose(&optics, &Isometry3::identity(), &behind, None).is_none(),
             "all behind"
         );
     }

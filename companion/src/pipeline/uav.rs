@@ -16,7 +16,7 @@ use maps::time::Stamp;
 use maps::voxel::{MapDigest, VoxelMap};
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 use sensors::beside::{Beside, SatelliteFix};
-use slam::{Aid, Fix, Floor, FrameError, FrontEnd, Look, Overlay, Seen, Slam, Tracked};
+use slam::{Aid, Felt, Fix, Floor, FrameError, FrontEnd, Look, Overlay, Seen, Slam, Tracked};
 
 use super::detecting::{DetectorFigures, Lookout};
 use crate::config::MappingSettings;
@@ -128,6 +128,11 @@ impl Mapper {
         let answer = self.lookout.as_mut().and_then(|l| l.pass(frame));
         let aid = Aid {
             turned: beside.turned.map(in_camera),
+            // The unit, like the antenna, is taken to be where the body's axes meet.
+            felt: beside.specific_force.map(|force| Felt {
+                specific_force: self.camera_from_body.rotation() * force,
+                unit_in_camera: self.camera_from_body.raw.translation.vector,
+            }),
             position: beside.fix.and_then(|fix| self.locate(&fix)),
             objects: answer.as_ref().map(|answer| Seen {
                 of: answer.of,

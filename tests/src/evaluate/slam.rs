@@ -21,6 +21,7 @@ mod film;
 mod flight;
 mod ghosts;
 mod honesty;
+mod inertial;
 mod job;
 mod judge;
 mod meter;

@@ -4,7 +4,9 @@
 //! Memory: 18 bytes a cell and frame, 5 MB at 640 x 480 pixels.
 
 use std::collections::VecDeque;
+use std::time::Duration;
 
+use maps::time::Stamp;
 use nalgebra::Isometry3;
 
 use super::memory::{Memory, Trace};
@@ -12,6 +14,9 @@ use super::{mask, remembered};
 use crate::aid::Seen;
 use crate::map::Keyframe;
 use crate::optics::Optics;
+
+/// As long as 45 frames, for which a mask lives without evidence, take at 30 a second.
+const REMEMBERED: Duration = Duration::from_millis(1500);
 
 /// What is remembered of the last frames that were tracked.
 #[derive(Debug, Default)]
@@ -30,10 +35,16 @@ impl History {
         })
     }
 
-    /// The traces of the last frame as they apply to the cells of the next one.
-    pub(super) fn recall(&self, optics: &Optics, next: (&Isometry3<f64>, &[f32])) -> Vec<Trace> {
+    /// The traces of the last frame as they apply to the cells of the next one, of that time; where the place was lost for
+    /// longer than a mask lives without evidence, there are none.
+    pub(super) fn recall(
+        &self,
+        optics: &Optics,
+        at: Stamp,
+        next: (&Isometry3<f64>, &[f32]),
+    ) -> Vec<Trace> {
         let nothing = || vec![Trace::default(); optics.cell_count()];
-        let last = self.frames.back();
+        let last = self.frames.back().filter(|m| at.since(m.at) < REMEMBERED);
         last.map_or_else(nothing, |m| m.recall(optics, next))
     }
 

@@ -28,7 +28,7 @@ impl Slam {
         if since < frame.at
             && let Some(fit) = self.find_elsewhere(&mut now, aid)
         {
-            return self.follow(frame, now, &fit);
+            return self.follow(frame, now, (&fit, aid));
         }
         now.forget_matches();
         let deep = now.features.iter().filter(|f| f.depth_m.is_some()).count();

@@ -21,6 +21,7 @@ use sitl::render::{Picture, Stage};
 use sitl::scene::{Instance, Name, Scene};
 
 use super::flight::take_off;
+use super::inertial;
 use super::job::Shown;
 use super::positions;
 
@@ -65,6 +66,7 @@ pub(super) fn film(
         .map(|(index, at)| studio.shoot(index, *at))
         .collect::<io::Result<_>>()
         .with_context(|| format!("cannot film into {}", folder.display()))?;
+    inertial::film(&scene, &stamps, shown.seed, folder)?;
     // Indoors there are no satellites.
     if name != Name::Room {
         positions::film(&scene, &stamps, shown.seed, folder)?;

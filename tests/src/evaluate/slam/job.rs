@@ -23,8 +23,9 @@ use slam::{Aid, Seen, Slam, State};
 
 use super::ghosts::{Hit, Keyframes, hit_by_movers};
 use super::honesty::{self, Told};
+use super::inertial;
 use super::meter::{Meter, peak_mb};
-use super::methods::Method;
+use super::methods::{Inertial, Method};
 use super::objects::Objects;
 use super::positions::{self, Positions};
 
@@ -109,9 +110,13 @@ pub(super) struct Job {
 }
 
 impl Job {
-    /// Whether the recording has what that receiver said; what none says, all have.
-    pub(super) fn has(&self, receiver: Option<&str>) -> bool {
-        receiver.is_none_or(|name| self.recording.join(positions::file(name)).is_file())
+    /// Whether the recording has what the method is told by sensors that not every recording has.
+    pub(super) fn suits(&self, method: &Method) -> bool {
+        let has = |name| self.recording.join(positions::file(name)).is_file();
+        let is_told =
+            method.receiver.is_none_or(has) && (!method.takes_objects || self.objects.is_some());
+        is_told
+            && (method.inertial != Inertial::Missed || inertial::file(&self.recording).is_file())
     }
 
     /// The file with this ending that the job leaves.
@@ -192,6 +197,7 @@ struct Work {
     slam: Slam,
     objects: Option<Objects>,
     positions: Option<Positions>,
+    inertial: Option<inertial::Inertial>,
     meter: Meter,
     lines: Vec<Line>,
     live: Vec<(
@@ -209,19 +215,23 @@ impl Work {
     fn new(job: &Job, method: &Method) -> anyhow::Result<Self> {
         let settings = method.settings(job.max_depth_m);
         let objects = job.objects.as_deref().filter(|_| method.takes_objects);
-        let positions = method
-            .receiver
-            .zip(job.shown.as_ref())
-            .map(|(name, shown)| {
-                let mount = body_from_uav_camera(&shown.build()?);
-                Positions::read(&job.recording.join(positions::file(name)), &mount)
-            });
+        let mount = job.shown.as_ref().map(Shown::build).transpose()?;
+        let mount = mount.as_ref().map(body_from_uav_camera);
+        let positions = method.receiver.zip(mount.as_ref()).map(|(name, mount)| {
+            Positions::read(&job.recording.join(positions::file(name)), mount)
+        });
+        let inertial = mount
+            .as_ref()
+            .filter(|_| method.inertial == Inertial::Given);
+        let inertial =
+            inertial.map(|mount| inertial::Inertial::read(&inertial::file(&job.recording), mount));
         let keyframes = job.shown.as_ref();
         let keyframes = keyframes.map(|_| Keyframes::create(&job.file("keyframes")));
         Ok(Self {
             slam: Slam::new(job.camera.into(), settings),
             objects: objects.map(Objects::read).transpose()?,
             positions: positions.transpose()?,
+            inertial: inertial.transpose()?,
             meter: Meter::start(),
             lines: Vec::new(),
             live: Vec::new(),
@@ -232,7 +242,7 @@ impl Work {
     }
 
     fn frame(&mut self, frame: &RgbdFrame) -> anyhow::Result<()> {
-        let aid = Aid {
+        let mut aid = Aid {
             objects: self.objects.as_ref().map(|objects| Seen {
                 of: frame.at,
                 objects: objects.at(frame.at),
@@ -240,6 +250,9 @@ impl Work {
             position: self.positions.as_mut().and_then(|p| p.until(frame.at)),
             ..Aid::default()
         };
+        if let Some(inertial) = &mut self.inertial {
+            inertial.tell(frame.at, &mut aid);
+        }
         let slam = &mut self.slam;
         let (took, (tracked, settled)) = Meter::inside(|| {
             let tracked = slam.track_aided(frame, &aid);

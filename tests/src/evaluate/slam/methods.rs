@@ -2,6 +2,16 @@
 
 use slam::{Mapping, Moving, Settings};
 
+/// Whether a method is given the inertial unit of a recording that has one.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(super) enum Inertial {
+    Given,
+    /// Not even where there is one.
+    Withheld,
+    /// Withheld, and nothing else is different from a method that is given it: run where there is one.
+    Missed,
+}
+
 /// One method.
 pub(super) struct Method {
     /// As figures have it.
@@ -12,11 +22,12 @@ pub(super) struct Method {
     mapping: Mapping,
     /// Whether it is given the objects of a recording that has some; it does not run on others.
     pub(super) takes_objects: bool,
+    pub(super) inertial: Inertial,
     /// The satellite receiver it is given; it does not run on recordings that have none.
     pub(super) receiver: Option<&'static str>,
 }
 
-/// Ours, by geometry alone, with a detector, and with satellites; ours that takes everything for static; the paper's scheme; and frame-to-keyframe
+/// Ours, by geometry alone, without an inertial unit, with a detector, and with satellites; ours that takes everything for static; the paper's scheme; and frame-to-keyframe
 /// odometry.
 pub(super) const METHODS: &[Method] = &[
     Method {
@@ -24,6 +35,15 @@ pub(super) const METHODS: &[Method] = &[
         moving: Moving::Reject,
         mapping: Mapping::Full,
         takes_objects: false,
+        inertial: Inertial::Given,
+        receiver: None,
+    },
+    Method {
+        name: "tandem-vision",
+        moving: Moving::Reject,
+        mapping: Mapping::Full,
+        takes_objects: false,
+        inertial: Inertial::Missed,
         receiver: None,
     },
     Method {
@@ -31,6 +51,7 @@ pub(super) const METHODS: &[Method] = &[
         moving: Moving::Ignore,
         mapping: Mapping::Full,
         takes_objects: false,
+        inertial: Inertial::Given,
         receiver: None,
     },
     Method {
@@ -38,6 +59,7 @@ pub(super) const METHODS: &[Method] = &[
         moving: Moving::Reject,
         mapping: Mapping::Full,
         takes_objects: true,
+        inertial: Inertial::Given,
         receiver: None,
     },
     Method {
@@ -45,6 +67,7 @@ pub(super) const METHODS: &[Method] = &[
         moving: Moving::Paper,
         mapping: Mapping::Full,
         takes_objects: true,
+        inertial: Inertial::Withheld,
         receiver: None,
     },
     Method {
@@ -52,6 +75,7 @@ pub(super) const METHODS: &[Method] = &[
         moving: Moving::Ignore,
         mapping: Mapping::LastKeyframe,
         takes_objects: false,
+        inertial: Inertial::Withheld,
         receiver: None,
     },
     Method {
@@ -59,6 +83,7 @@ pub(super) const METHODS: &[Method] = &[
         moving: Moving::Reject,
         mapping: Mapping::Full,
         takes_objects: false,
+        inertial: Inertial::Given,
         receiver: Some("m8n"),
     },
     Method {
@@ -66,6 +91,7 @@ pub(super) const METHODS: &[Method] = &[
         moving: Moving::Reject,
         mapping: Mapping::Full,
         takes_objects: false,
+        inertial: Inertial::Given,
         receiver: Some("rtk"),
     },
 ];

@@ -72,11 +72,7 @@ impl Suite<'_> {
         }
         let first = found.rows.len();
         let mut hit: Vec<(usize, Vec<Hit>)> = Vec::new();
-        let names = self
-            .methods
-            .iter()
-            .filter(|method| !method.takes_objects || ready.job.objects.is_some())
-            .filter(|method| ready.job.has(method.receiver));
+        let names = self.methods.iter().filter(|method| ready.job.suits(method));
         let mut names: Vec<&str> = names.map(|method| method.name).collect();
         names.extend(self.peer.map(|_| peer::NAME));
         for name in names {
