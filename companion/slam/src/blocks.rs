@@ -38,6 +38,11 @@ impl BlockSystem {
         }
     }
 
+    #[cfg(test)]
+    pub(crate) fn right(&self, row: usize) -> &Vector6<f64> {
+        &self.right[row]
+    }
+
     /// Adds to `b`.
     pub(crate) fn add_right(&mut self, row: usize, part: &Vector6<f64>) {
         self.right[row] += part;

@@ -19,7 +19,7 @@ use crate::coarse::clear_of;
 use crate::map::{Excerpt, KeyframeId, Link, Map, PointId};
 use crate::matching::{Sighting, expected_points, match_descriptions, match_map};
 use crate::optics::{Fast, Optics};
-use crate::pose_graph::{Edge, PoseGraph, Trust};
+use crate::pose_graph::{Edge, Outside, PoseGraph, Trust};
 use crate::relocalise::consensus_of;
 use crate::solver::Fit;
 use crate::tracking::Located;
@@ -367,7 +367,7 @@ pub(crate) fn graph(map: &Map, tracked: [f64; 2]) -> (Vec<KeyframeId>, PoseGraph
             .partition_point(|id| *id < map.fixed)
             .min(ids.len().saturating_sub(1)),
         edges,
-        positions: Vec::new(),
+        outside: Outside::default(),
     };
     (ids, graph)
 }
@@ -561,7 +561,7 @@ mod tests {
             (20, 20),
             "19 steps and the loop"
         );
-        let poses = graph.solve().expect("connected");
+        let poses = graph.solve().expect("connected").poses;
         let x: Vec<f64> = poses.iter().map(|p| p.translation.vector.x).collect();
         assert!(x[0].abs() < 1e-9, "fixed");
         assert!((x[19] - 9.6).abs() < 0.02, "{} m instead of 9.6", x[19]);
@@ -581,7 +581,8 @@ mod tests {
         let poses = graph(&map, drift_of(&map, &newest))
             .1
             .solve()
-            .expect("connected");
+            .expect("connected")
+            .poses;
         let x: Vec<f64> = poses.iter().map(|p| p.translation.vector.x).collect();
         assert!(
             (x[14] - 7.0).abs() < 0.01 && (x[15] - 7.1).abs() < 0.02,

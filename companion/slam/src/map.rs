@@ -130,6 +130,8 @@ pub(crate) struct Map {
     pub(crate) keyframes: BTreeMap<KeyframeId, Keyframe>,
     /// Of every keyframe there ever was.
     pub(crate) poses: Vec<Isometry3<f64>>,
+    /// Where tracking alone would have had those that have left the window: from one to the next as they were then.
+    unbent: Vec<Isometry3<f64>>,
     /// Keyframes that were not tracked from the one before.
     pub(crate) starts: Vec<KeyframeId>,
     /// The keyframe whose pose stays when others are corrected; the first one that is left if it is gone.

@@ -1,14 +1,14 @@
 //! The camera's motion, to guess the next pose: by its velocity, and by what an inertial unit has measured since.
 //!
 //! ```text
-//! R = R_last·ΔR         p = p_last + (v + (R_mid·f + g)·dt)·dt         with ΔR by the gyroscope, f by the accelerometer
+//! R = R_last·ΔR         p = p_last + v·dt + a·dt²/2         a = R_mid·f - g, with ΔR by the gyroscope, f by the accelerometer
 //! ```
 //!
-//! `v` is the velocity between the last two poses, R_mid the attitude midway. Where they are not measured, both velocities
-//! are constant in the camera.
+//! `p_last` and `v` are what an α-β filter makes of all steps so far, `R_mid` is the attitude midway. Where they are not measured,
+//! both velocities are constant in the camera.
 
 use maps::time::Stamp;
-use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{Isometry3, Point3, Translation3, UnitQuaternion, Vector3, Vector6};
 
 use crate::aid::{Aid, GRAVITY_MPS2};
 use crate::solver::Prior;
@@ -21,10 +21,10 @@ pub(crate) struct Motion {
     /// In the camera, per second.
     linear: Vector3<f64>,
     angular: Vector3<f64>,
-    /// In the world: of several steps, where an accelerometer tells how they differ.
+    /// In the world, of the steps so far: of several ones where an accelerometer tells how they differ, else of the last.
+    place: Vector3<f64>,
     velocity: Vector3<f64>,
-    /// Whether the velocities are known.
-    is_known: bool,
+    steps: u32,
 }
 
 /// Where the camera is thought to be before its picture is looked at.
@@ -43,8 +43,9 @@ pub(crate) const STEP_SIGMA_M: f64 = 0.008;
 const STEP_SIGMA_RAD: f64 = 0.002;
 const ACCELERATION_SIGMA_MPS2: f64 = 5.0;
 const FELT_SIGMA_MPS2: f64 = 0.5;
-/// How much of the velocity is that of the last step, where an accelerometer tells how it has changed.
-const VELOCITY_GAIN: f64 = 0.25;
+/// How much of what a pose is off the foreseen one goes into the place and, times the time between two, into the velocity, at least:
+/// what an accelerometer tells is off by 0.1 m/s², by how it is held, and a pose by a centimetre.
+const LEAST_GAINS: [f64; 2] = [0.2, 0.02];
 /// A step this much off the guess is a jump, not motion.
 const JUMP_M: f64 = 0.3;
 const JUMP_RAD: f64 = 0.35;
@@ -52,11 +53,21 @@ const JUMP_RAD: f64 = 0.35;
 const CORRECTION_M: f64 = 0.05;
 const CORRECTION_RAD: f64 = 0.05;
 
+/// Of a filter of place and velocity at its step `k`: as of least squares over all steps, until there are enough.
+///
+/// - P. R. Kalata, *The Tracking Index*, IEEE T-AES 1984; with the gains of an expanding window at first.
+fn gains(k: u32) -> [f64; 2] {
+    let k = f64::from(k);
+    let window = [2.0 * (2.0 * k - 1.0), 6.0].map(|gain| gain / (k * (k + 1.0)));
+    [0, 1].map(|i| window[i].max(LEAST_GAINS[i]))
+}
+
 impl Motion {
     pub(crate) fn at_rest(at: Stamp, pose: Isometry3<f64>) -> Self {
         Self {
             at,
             pose,
+            place: pose.translation.vector,
             ..Self::default()
         }
     }
@@ -70,13 +81,13 @@ impl Motion {
         };
         pose.rotation = self.pose.rotation * turned;
         let dt = at.since(self.at).as_secs_f64();
-        if !self.is_known || dt > LONGEST_S {
+        if self.steps == 0 || dt > LONGEST_S {
             return Guess { pose, prior: None };
         }
         let mut sigma_mps2 = ACCELERATION_SIGMA_MPS2;
         if let Some(acceleration) = self.acceleration(aid) {
-            let step = (self.velocity + acceleration * dt) * dt;
-            pose.translation = Translation3::from(self.pose.translation.vector + step);
+            let step = (self.velocity + acceleration * (dt / 2.0)) * dt;
+            pose.translation = Translation3::from(self.place + step);
             sigma_mps2 = FELT_SIGMA_MPS2;
         }
         let prior = Prior {
@@ -134,14 +145,21 @@ impl Motion {
         let dt = at.since(self.at).as_secs_f64();
         let step = self.pose.inverse() * pose;
         if dt > 1e-6 {
-            let measured = (pose.translation.vector - self.pose.translation.vector) / dt;
-            let felt = self.acceleration(aid).filter(|_| self.is_known);
-            self.velocity = felt.map_or(measured, |acceleration| {
-                (self.velocity + acceleration * dt).lerp(&measured, VELOCITY_GAIN)
-            });
+            let place = pose.translation.vector;
+            if let Some(acceleration) = self.acceleration(aid).filter(|_| self.steps > 0) {
+                let foreseen = self.place + (self.velocity + acceleration * (dt / 2.0)) * dt;
+                let [of_place, of_velocity] = gains(self.steps + 1);
+                let off = place - foreseen;
+                self.place = foreseen + off * of_place;
+                self.velocity += acceleration * dt + off * (of_velocity / dt);
+                self.steps = self.steps.saturating_add(1);
+            } else {
+                self.velocity = (place - self.pose.translation.vector) / dt;
+                self.place = place;
+                self.steps = 1;
+            }
             self.linear = step.translation.vector / dt;
             self.angular = step.rotation.scaled_axis() / dt;
-            self.is_known = true;
         }
         (self.at, self.pose) = (at, pose);
     }
@@ -154,6 +172,9 @@ impl Motion {
 
     /// The last pose was in fact this one; the velocity stays.
     pub(crate) fn correct(&mut self, pose: Isometry3<f64>) {
+        let step = pose * self.pose.inverse();
+        self.place = (step * Point3::from(self.place)).coords;
+        self.velocity = step.rotation * self.velocity;
         self.pose = pose;
     }
 }
@@ -161,6 +182,7 @@ impl Motion {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::aid::Felt;
 
     #[test]
     fn steady_motion_is_predicted_even_over_a_dropped_frame() {
@@ -172,5 +194,45 @@ mod tests {
         assert!((predicted.translation.vector.x - 0.09).abs() < 1e-12);
         assert!(!motion.jumps_to(at(90), &pose(0.2)));
         assert!(motion.jumps_to(at(90), &pose(0.5)));
+    }
+
+    #[test]
+    fn an_inertial_unit_foresees_what_a_velocity_does_not() {
+        let at = |ms: u64| Stamp::from_nanos(ms * 1_000_000);
+        // Upright, it falls freely from rest: nothing is felt.
+        let fallen = |t: f64| Isometry3::translation(0.0, 0.0, -GRAVITY_MPS2 / 2.0 * t * t);
+        let aid = |force: f64| Aid {
+            turned: Some(UnitQuaternion::identity()),
+            felt: Some(Felt {
+                specific_force: Vector3::new(0.0, 0.0, force),
+                unit_in_camera: Vector3::zeros(),
+            }),
+            ..Aid::default()
+        };
+        let mut motion = Motion::at_rest(at(0), fallen(0.0));
+        assert!(
+            motion.guess(at(40), &aid(0.0)).prior.is_none(),
+            "how fast was it?"
+        );
+        for ms in (40..=400).step_by(40) {
+            motion.advance(at(ms), fallen(0.001 * ms as f64), &aid(0.0));
+        }
+        let off_m = |guess: &Guess| {
+            (guess.pose.translation.vector - fallen(0.44).translation.vector).norm()
+        };
+        let guess = motion.guess(at(440), &aid(0.0));
+        assert!(
+            off_m(&guess) < 1e-6 && guess.prior.is_some(),
+            "{}",
+            off_m(&guess)
+        );
+        let by_velocity = motion.guess(at(440), &Aid::default());
+        assert!(off_m(&by_velocity) > 0.01 && by_velocity.prior.is_none());
+        let broken = motion.guess(at(440), &aid(f64::NAN));
+        assert!(off_m(&broken) < 0.02, "the gyroscope is still heard");
+        assert!(
+            motion.guess(at(900), &aid(0.0)).prior.is_none(),
+            "too long ago"
+        );
     }
 }

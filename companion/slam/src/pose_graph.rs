@@ -1,7 +1,7 @@
 //! Poses that are tied to one another by what was measured between them: what a closed loop is spread over.
 //!
 //! ```text
-//! Σ ρ(eᵀ·Ω·e) + Σ (p - t)ᵀ·Σ⁻¹·(p - t)      E = Z⁻¹·Tᵢ⁻¹·Tⱼ,   e = (translation of E, rotation vector of E)
+//! Σ ρ(eᵀ·Ω·e) + what ties them to the world outside ([`outside`])      E = Z⁻¹·Tᵢ⁻¹·Tⱼ,   e = (translation of E, rotation vector of E)
 //! ∂e/∂ξⱼ = diag(R_E, J_r⁻¹)      ∂e/∂ξᵢ = -∂e/∂ξⱼ · Ad(Tⱼ⁻¹·Tᵢ)
 //! ```
 //!
@@ -12,10 +12,14 @@
 //! - G. Grisetti et al., *A Tutorial on Graph-Based SLAM*, IEEE ITS Magazine 2010.
 //! - H. Yang et al., *Graduated Non-Convexity for Robust Spatial Perception*, RA-L 2020, section III.
 
+mod outside;
+
 use nalgebra::{Isometry3, Matrix3, Matrix6, Vector3, Vector6};
 
 use crate::blocks::BlockSystem;
 use crate::solver::boxplus;
+use outside::{Anchor, UNKNOWNS};
+pub(crate) use outside::{Outside, Position, Upright};
 
 /// Whether an edge may be wrong.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -38,24 +42,15 @@ pub(crate) struct Edge {
     pub(crate) trust: Trust,
 }
 
-/// A pose's position in the world, measured on its own.
-#[derive(Clone, Debug)]
-pub(crate) struct Position {
-    pub(crate) node: usize,
-    pub(crate) in_world: Vector3<f64>,
-    /// m².
-    pub(crate) covariance: Matrix3<f64>,
-}
-
 /// Poses and what is known of them.
 #[derive(Clone, Debug)]
 pub(crate) struct PoseGraph {
     /// Where the poses are thought to be.
     pub(crate) poses: Vec<Isometry3<f64>>,
-    /// The pose that stays as it is.
+    /// The pose that stays where it is.
     pub(crate) fixed: usize,
     pub(crate) edges: Vec<Edge>,
-    pub(crate) positions: Vec<Position>,
+    pub(crate) outside: Outside,
 }
 
 /// Why a graph was not solved.
@@ -64,7 +59,7 @@ pub(crate) enum GraphError {
     /// Some poses are not tied to the fixed one.
     #[error("{loose} of {poses} poses are not tied to the fixed one")]
     Disconnected { loose: usize, poses: usize },
-    /// An edge, a position or the fixed pose names a pose that is not there.
+    /// An edge, a tie to the world outside or the fixed pose names a pose that is not there.
     #[error("pose {index} of {poses} is named")]
     NoSuchPose { index: usize, poses: usize },
     /// A number is NaN or infinite, or a covariance or information is not positive definite.
@@ -81,33 +76,30 @@ const MOST_STEPS: usize = 60;
 const FINAL_STEPS: usize = 8;
 
 impl PoseGraph {
-    /// The poses that fit best, in the same order.
-    pub(crate) fn solve(mut self) -> Result<Vec<Isometry3<f64>>, GraphError> {
-        let informations = self.check()?;
+    /// The same with the poses, and what else is unknown, that fit best.
+    pub(crate) fn solve(mut self) -> Result<Self, GraphError> {
+        self.check()?;
+        let anchor = Anchor {
+            node: self.fixed,
+            pose: self.poses[self.fixed],
+        };
         let mut width = self.first_width();
         let mut damping = 1e-6;
         let mut final_steps = 0;
         for _ in 0..MOST_STEPS {
             let weights = self.weights(width);
-            let cost = self.cost(&weights, &informations);
-            let step = self.linearise(&weights, &informations, damping).solve();
-            let tried: Option<Vec<_>> = step.map(|step| {
-                self.poses
-                    .iter()
-                    .zip(&step)
-                    .map(|(p, xi)| boxplus(p, xi))
-                    .collect()
-            });
-            let before = self.poses.clone();
+            let cost = self.cost(&weights, &anchor);
+            let step = self.linearise(&weights, &anchor, damping).solve();
+            let before = (self.poses.clone(), self.outside.clone());
             let mut gain = 0.0;
-            if let Some(tried) = tried {
-                self.poses = tried;
-                gain = cost - self.cost(&weights, &informations);
+            if let Some(step) = step {
+                self.take(&step);
+                gain = cost - self.cost(&weights, &anchor);
             }
             if gain > 0.0 {
                 damping = (damping * 0.1f64).max(1e-9);
             } else {
-                self.poses = before;
+                (self.poses, self.outside) = before;
                 damping = (damping * 30.0).min(1e6);
             }
             if width > 1.0 {
@@ -120,15 +112,24 @@ impl PoseGraph {
                 break;
             }
         }
-        Ok(self.poses)
+        Ok(self)
     }
 
-    /// The inverse covariances of the positions, if all numbers make sense.
-    fn check(&self) -> Result<Vec<Matrix3<f64>>, GraphError> {
+    fn take(&mut self, step: &[Vector6<f64>]) {
+        let (poses, unknowns) = step.split_at(self.poses.len());
+        for (pose, xi) in self.poses.iter_mut().zip(poses) {
+            *pose = boxplus(pose, xi);
+        }
+        if let [earth, lean] = unknowns {
+            self.outside = self.outside.stepped([earth, lean]);
+        }
+    }
+
+    /// Whether all numbers make sense.
+    fn check(&self) -> Result<(), GraphError> {
         let poses = self.poses.len();
         let ends = self.edges.iter().flat_map(|e| [e.from, e.to]);
-        let named = ends.chain(self.positions.iter().map(|p| p.node));
-        if let Some(index) = named.chain([self.fixed]).find(|&i| i >= poses) {
+        if let Some(index) = ends.chain([self.fixed]).find(|&i| i >= poses) {
             return Err(GraphError::NoSuchPose { index, poses });
         }
         let finite = |pose: &Isometry3<f64>| pose.to_homogeneous().iter().all(|c| c.is_finite());
@@ -145,16 +146,7 @@ impl PoseGraph {
         if loose > 0 {
             return Err(GraphError::Disconnected { loose, poses });
         }
-        let information = |p: &Position| {
-            let sound = p
-                .in_world
-                .iter()
-                .chain(&p.covariance)
-                .all(|c| c.is_finite());
-            let inverse = p.covariance.cholesky().map(|c| c.inverse());
-            inverse.filter(|_| sound).ok_or(GraphError::Senseless)
-        };
-        self.positions.iter().map(information).collect()
+        self.outside.check(poses)
     }
 
     /// How many poses no chain of edges ties to the fixed one.
@@ -208,24 +200,14 @@ impl PoseGraph {
         self.edges.iter().map(of).collect()
     }
 
-    fn cost(&self, weights: &[f64], informations: &[Matrix3<f64>]) -> f64 {
+    fn cost(&self, weights: &[f64], anchor: &Anchor) -> f64 {
         let weighted = self.edges.iter().zip(weights);
         let edges: f64 = weighted.map(|(e, w)| w * self.chi2(e)).sum();
-        let pulled = self.positions.iter().zip(informations);
-        let position = |(p, information): (&Position, &Matrix3<f64>)| {
-            let off = self.poses[p.node].translation.vector - p.in_world;
-            off.dot(&(information * off))
-        };
-        edges + pulled.map(position).sum::<f64>()
+        edges + self.outside.cost(&self.poses, anchor)
     }
 
-    fn linearise(
-        &self,
-        weights: &[f64],
-        informations: &[Matrix3<f64>],
-        damping: f64,
-    ) -> BlockSystem {
-        let mut system = BlockSystem::new(self.poses.len());
+    fn linearise(&self, weights: &[f64], anchor: &Anchor, damping: f64) -> BlockSystem {
+        let mut system = BlockSystem::new(self.poses.len() + UNKNOWNS);
         for (edge, weight) in self.edges.iter().zip(weights) {
             let (off, e) = self.error(edge);
             let (by_from, by_to) = self.derivatives(edge, &off);
@@ -234,7 +216,7 @@ impl PoseGraph {
                 by_from.transpose() * information,
                 by_to.transpose() * information,
             );
-            let moves = |node: usize| node != self.fixed;
+            let moves = |node: usize| node != self.fixed || self.outside.rights();
             if moves(edge.from) {
                 system.add_diagonal(edge.from, &(from_side * by_from));
                 system.add_right(edge.from, &-(from_side * e));
@@ -247,26 +229,8 @@ impl PoseGraph {
                 system.add_pair(edge.from, edge.to, &(from_side * by_to));
             }
         }
-        for (p, information) in self.positions.iter().zip(informations) {
-            if p.node == self.fixed {
-                continue;
-            }
-            // A step ξ moves the position by R·ρ.
-            let rotation = *self.poses[p.node].rotation.to_rotation_matrix().matrix();
-            let off = self.poses[p.node].translation.vector - p.in_world;
-            let side = rotation.transpose() * information;
-            let mut block = Matrix6::zeros();
-            block
-                .fixed_view_mut::<3, 3>(0, 0)
-                .copy_from(&(side * rotation));
-            let mut right = Vector6::zeros();
-            right.fixed_rows_mut::<3>(0).copy_from(&-(side * off));
-            system.add_diagonal(p.node, &block);
-            system.add_right(p.node, &right);
-        }
+        self.outside.add_to(&mut system, &self.poses, anchor);
         system.damp(damping);
-        // The fixed pose has an equation of its own: its step is zero.
-        system.add_diagonal(self.fixed, &Matrix6::identity());
         system
     }
 

@@ -1,9 +1,11 @@
 //! The state machine: a map is started, followed, lost and found again.
 
 mod atlas;
+mod bending;
 mod closing;
 mod handing_out;
 mod hearing;
+mod plumb;
 mod positions;
 
 use std::collections::VecDeque;
@@ -36,7 +38,9 @@ use crate::tracked::{FrameError, Overlay, State, Tracked};
 use crate::tracking::{self, Located};
 use crate::triangulate;
 use crate::worker::Worker;
+use bending::Bent;
 use closing::{BackEnd, Recognised};
+use plumb::Plumb;
 use positions::Positions;
 
 /// The least number of features with depth that starts a map.
@@ -74,6 +78,9 @@ pub struct Slam {
     next_try: usize,
     back: BackEnd,
     positions: Positions,
+    plumb: Plumb,
+    /// Due with the next keyframe.
+    bender: Worker<Option<Bent>>,
 }
 
 /// The last frame that was looked at; the motion and covariance are of the last one whose pose was found.
@@ -130,6 +137,8 @@ impl Slam {
             next_try: 0,
             back: BackEnd::default(),
             positions: Positions::default(),
+            plumb: Plumb::default(),
+            bender: worker(&settings, "slam-bend"),
             settings,
         }
     }
@@ -183,6 +192,7 @@ impl Slam {
         if let Some(fix) = &aid.position {
             self.note_position(fix);
         }
+        self.note_felt(aid);
         Ok(self.outcome(frame.at, keyframe))
     }
 
@@ -430,7 +440,7 @@ impl Slam {
         let limits = (&self.settings, self.most_keyframes());
         mapping::cull(&mut self.map, self.window.make_contiguous(), limits);
         let id = self.close_loop(id);
-        self.use_positions();
+        self.bend();
         if let Some(k) = self.map.keyframes.get_mut(&id) {
             k.tracked = k.points.iter().flatten().count();
         }

@@ -57,15 +57,31 @@ impl Located<'_> {
         self.match_near(last, (&guess.pose, 14.0), now)?;
         let least = FEWEST_AT_FIRST.max((LEAST_STATIC * now.matched() as f64) as usize);
         self.forget_displaced(now, &guess.pose, reach_m);
-        let fit = self.fit_matches(now, &guess.pose, Some(prior))?;
-        let off = fit.world_from_camera.translation.vector - guess.pose.translation.vector;
-        if fit.agreeing < least || off.norm() > reach_m {
-            return None;
-        }
+        let is_near = |fit: &Fit| {
+            let off = fit.world_from_camera.translation.vector - guess.pose.translation.vector;
+            fit.agreeing >= least && off.norm() <= reach_m
+        };
+        // Where even these points would go with what moves, the guess is hardly left at all.
+        let hard = Prior {
+            sigma_m: prior.sigma_m / SIGMAS,
+            ..prior
+        };
+        let near = now.points.clone();
+        let (fit, prior) = [prior, hard].into_iter().find_map(|prior| {
+            now.points.clone_from(&near);
+            let fit = self.fit_matches(now, &guess.pose, Some(prior))?;
+            is_near(&fit).then_some((fit, prior))
+        })?;
         match_map(self.optics, self.map, now, (&fit.world_from_camera, 4.0));
         self.forget_displaced(now, &fit.world_from_camera, prior.sigma_m);
-        let fit = self.fit_matches(now, &fit.world_from_camera, Some(prior))?;
-        (fit.agreeing >= FEWEST).then_some(fit)
+        // The points alone know better, but for that.
+        let near = now.points.clone();
+        let free = self.fit_matches(now, &fit.world_from_camera, None);
+        free.filter(is_near).or_else(|| {
+            now.points = near;
+            self.fit_matches(now, &fit.world_from_camera, Some(prior))
+                .filter(|held| held.agreeing >= FEWEST)
+        })
     }
 
     /// Forgets the matches that are not where they should be, seen from somewhere so near this pose.

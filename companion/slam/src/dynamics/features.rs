@@ -28,9 +28,10 @@ const RADIUS: f64 = 24.0;
 /// Bits in which two descriptions of one point may differ.
 const SIMILAR: u32 = 56;
 /// Larger residuals contradict: pixels of the level on which the feature was found, and a part of how far it went in the
-/// image, since rows are exposed one after the other.
+/// image by the camera's turn, which is uneven and smears it, and by its way, since rows are exposed one after the other.
 const CONTRADICTING: f64 = 3.0;
 const CONTRADICTING_SHARE: f64 = 0.2;
+const CONTRADICTING_SHARE_OF_WAY: f64 = 0.1;
 /// Nothing contradicts where the camera's turn alone carries the image on by more pixels than this: all is blurred.
 const FASTEST: f64 = 20.0;
 /// Residuals below this part of that agree; those between say nothing.
@@ -131,15 +132,19 @@ fn compare(
         similar: SIMILAR,
     })?;
     let at = &pair.now.features[found];
-    let flow = apart(feature.ideal, middle);
-    let gate = CONTRADICTING * scale + CONTRADICTING_SHARE * flow;
+    let turned = pose.rotation.inverse() * before.rotation * optics.lift(feature.ideal, 1.0);
+    let turned = optics.see(&turned)?;
+    let by_turn = apart(feature.ideal, turned);
+    let gate = CONTRADICTING * scale
+        + CONTRADICTING_SHARE * by_turn
+        + CONTRADICTING_SHARE_OF_WAY * apart(turned, middle);
     let residual = from_line(at.ideal, ends);
     if residual > gate {
         let distance = feature.descriptor.distance(&at.descriptor);
         let wanted = (feature, distance);
         let ambiguous = has_twin(pair.last, wanted, [feature.ideal; 2], 2.0..RADIUS)
             || has_twin(pair.now, wanted, ends, 0.0..gate);
-        return (flow < FASTEST && !ambiguous).then(|| (optics.cell_at(at.raw), true));
+        return (by_turn < FASTEST && !ambiguous).then(|| (optics.cell_at(at.raw), true));
     }
     (residual < AGREEING * gate).then(|| (optics.cell_at(at.raw), false))
 }

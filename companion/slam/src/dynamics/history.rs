@@ -91,3 +91,35 @@ impl History {
         self.unheard
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dynamics::features::tests::optics;
+
+    #[test]
+    fn a_mask_is_carried_on_but_not_over_a_long_loss() {
+        let optics = optics();
+        let count = optics.cell_count();
+        let masked = Trace {
+            age: Some(0),
+            ..Trace::default()
+        };
+        let mut history = History::default();
+        history.push(
+            Memory {
+                traces: vec![masked; count],
+                depth_m: vec![2.0; count],
+                ..Memory::default()
+            },
+            false,
+        );
+        let after = |ms: u64| {
+            let at = Stamp::from_nanos(1_000_000 * ms);
+            let next = (&Isometry3::identity(), vec![2.0; count]);
+            history.recall(&optics, at, (next.0, &next.1))[count / 2].age
+        };
+        assert_eq!(after(33), Some(1));
+        assert_eq!(after(4000), None, "the place was lost meanwhile");
+    }
+}

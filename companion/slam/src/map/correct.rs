@@ -43,6 +43,27 @@ impl Map {
         }
     }
 
+    /// Where tracking alone would have had a keyframe, but for all that moved its neighbours since they left the window. Of two
+    /// that were tracked one from the other it tells where one was seen from the other.
+    pub(crate) fn unbent(&self, id: KeyframeId) -> Isometry3<f64> {
+        let index = id.0 as usize;
+        let last = self.unbent.len().checked_sub(1);
+        match (self.unbent.get(index), last) {
+            (Some(unbent), _) => *unbent,
+            (None, Some(last)) => {
+                self.unbent[last] * self.poses[last].inverse() * self.poses[index]
+            }
+            (None, None) => self.poses[index],
+        }
+    }
+
+    /// A keyframe, and all before it, leaves the window.
+    pub(crate) fn keep_unbent(&mut self, id: KeyframeId) {
+        for index in self.unbent.len()..=id.0 as usize {
+            self.unbent.push(self.unbent(KeyframeId(index as u32)));
+        }
+    }
+
     /// The keyframe itself, or the one that is left of those tracked next to it.
     pub(crate) fn nearest_kept(&self, id: KeyframeId) -> Option<KeyframeId> {
         let before = self.keyframes.range(..=id).next_back().map(|(k, _)| *k);

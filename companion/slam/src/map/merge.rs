@@ -117,6 +117,10 @@ impl Map {
             keyframes: self.poses.len() as u32,
             slots: self.slots.len() as u32,
         };
+        if let Some(last) = renaming.keyframes.checked_sub(1) {
+            self.keep_unbent(KeyframeId(last));
+        }
+        self.unbent.extend(other.unbent);
         self.poses.extend(other.poses);
         self.free
             .extend(other.free.iter().map(|slot| slot + renaming.slots));

@@ -124,11 +124,8 @@ impl Slam {
         let off = newest.pose_before.inverse() * newest.pose;
         if off.translation.vector.norm() > NOTED_M || off.rotation.angle() > NOTED_RAD {
             let (ids, graph) = loops::graph(&self.map, loops::drift_of(&self.map, newest));
-            let Some(poses) = graph
-                .solve()
-                .ok()
-                .filter(|poses| agrees(&ids, poses, newest))
-            else {
+            let solved = graph.solve().ok().map(|solved| solved.poses);
+            let Some(poses) = solved.filter(|poses| agrees(&ids, poses, newest)) else {
                 self.map.links.truncate(links);
                 return;
             };
@@ -229,6 +226,8 @@ impl Slam {
             logged.map = old.number;
             logged.reference = renaming.keyframe(logged.reference);
         }
+        self.positions.rename(was, old.number, renaming);
+        self.plumb.rename(was, old.number, renaming);
         for id in &mut self.window {
             *id = renaming.keyframe(*id);
         }

@@ -33,6 +33,7 @@ impl Slam {
 
     /// A keyframe leaves the window: its mask is judged once more by all that was seen since, and it is handed out.
     pub(super) fn settle(&mut self, id: KeyframeId) {
+        self.map.keep_unbent(id);
         let mut seen_through = Vec::new();
         if self.settings.moving == Moving::Reject {
             seen_through = dynamics::reconsider(&self.optics, &mut self.map, id);

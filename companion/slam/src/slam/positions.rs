@@ -1,12 +1,9 @@
-//! Positions by satellites. Each is tied to the keyframe next to which the camera was then; now and then all of them are
-//! laid on the map, and what they say about its drift is spread over it.
+//! Positions by satellites. Each is tied to the keyframe next to which the camera was then; now and then the map is bent to all of
+//! them ([`super::bending`]).
 //!
 //! What a receiver says is wrong in nearly the same way for a while (ionosphere, orbits, reflections): so one position a
-//! second is kept, and so much less is believed of each. The world of the map stays where its first keyframe put it: positions
-//! bend the way, they do not move its beginning. Each time they do so from where vision alone would have it: what has been bent
-//! once is no evidence for bending it further.
+//! second is kept, and so much less is believed of each.
 
-use std::collections::BTreeMap;
 use std::time::Duration;
 
 use maps::time::Stamp;
@@ -14,10 +11,8 @@ use nalgebra::{Isometry3, Matrix3, Point3, Vector3};
 
 use super::Slam;
 use crate::aid::Fix;
-use crate::georeference::{Sighted, align};
-use crate::loops;
-use crate::map::{KeyframeId, Standing};
-use crate::pose_graph::{Position, Trust};
+use crate::georeference::Sighted;
+use crate::map::{KeyframeId, Renaming};
 
 /// One in so much time is kept.
 const APART: Duration = Duration::from_secs(1);
@@ -26,8 +21,6 @@ const APART: Duration = Duration::from_secs(1);
 const ALIKE: f64 = 30.0;
 const ALIKE_CORRECTED: f64 = 5.0;
 const CORRECTED_M: f64 = 1.0;
-/// So many new ones are worth laying them all on the map.
-const WORTH: usize = 10;
 /// Positions kept: half an hour. Beyond, every other one is forgotten.
 const MOST: usize = 1800;
 /// A position so much older than the last frame is too late.
@@ -38,13 +31,9 @@ const LATEST: Duration = Duration::from_secs(2);
 pub(super) struct Positions {
     tied: Vec<Tied>,
     last: Option<Stamp>,
-    /// Those that came since the map was last corrected by them.
-    new: usize,
-    world_from_enu: Option<Isometry3<f64>>,
-    /// `bent_from_unbent` of keyframes, in the world of the map of this number; those that came later are bent like the one
-    /// before them.
-    bends: BTreeMap<KeyframeId, Isometry3<f64>>,
-    bent_map: u32,
+    /// Those that came since the map was last bent.
+    pub(super) new: usize,
+    pub(super) world_from_enu: Option<Isometry3<f64>>,
 }
 
 /// A position, and which keyframe was nearest in time.
@@ -125,69 +114,17 @@ impl Slam {
         Some((later.map, later.reference, in_keyframe))
     }
 
-    /// Bends the map to the positions, if enough new ones have come and they tell where it lies.
-    pub(super) fn use_positions(&mut self) {
-        if self.positions.new < WORTH || self.map.standing != Standing::Joined {
-            return;
-        }
-        if self.positions.bent_map != self.map.number {
-            self.positions.bends.clear();
-            self.positions.bent_map = self.map.number;
-        }
-        let sighted = self.sighted();
-        let places: Vec<Sighted> = sighted.iter().map(|&(_, s)| s).collect();
-        let Some((world_from_enu, agrees)) = align(&places) else {
-            return;
-        };
-        self.positions.new = 0;
-        let (ids, mut graph) = loops::graph(&self.map, loops::usual_drift(&self.map));
-        let unbent: Vec<Isometry3<f64>> = ids
-            .iter()
-            .zip(&graph.poses)
-            .map(|(&id, pose)| self.positions.bend(id).inverse() * pose)
-            .collect();
-        let tracked = graph.edges.iter_mut().filter(|e| e.trust == Trust::Certain);
-        for edge in tracked {
-            edge.from_from_to = unbent[edge.from].inverse() * unbent[edge.to];
-        }
-        let turn = *world_from_enu.rotation.to_rotation_matrix().matrix();
-        graph.positions = sighted
-            .iter()
-            .zip(agrees)
-            .filter(|(_, agrees)| *agrees)
-            .filter_map(|((keyframe, s), _)| {
-                let node = ids.binary_search(keyframe).ok()?;
-                let beside = s.in_world - unbent[node].translation.vector;
-                Some(Position {
-                    node,
-                    in_world: (world_from_enu * Point3::from(s.in_enu)).coords - beside,
-                    covariance: turn * s.covariance * turn.transpose() * alike(&s.covariance),
-                })
-            })
-            .collect();
-        if let Ok(poses) = graph.solve() {
-            let bends = unbent
-                .iter()
-                .zip(&poses)
-                .map(|(unbent, pose)| pose * unbent.inverse());
-            self.positions.bends = ids.iter().copied().zip(bends).collect();
-            self.positions.world_from_enu = Some(world_from_enu);
-            self.apply(&ids.into_iter().zip(poses).collect::<Vec<_>>());
-        }
-    }
-
-    /// Of the map in use, the keyframe of each position, where vision alone has the camera then, and the position. Keyframes that
-    /// are culled stand by the nearest one that is kept.
-    fn sighted(&self) -> Vec<(KeyframeId, Sighted)> {
+    /// Of the map in use, the keyframe of each position, where the antenna was then as known now, and the position. Keyframes that are
+    /// culled stand by the nearest one that is kept.
+    pub(super) fn sighted(&self) -> Vec<(KeyframeId, Sighted)> {
         let of = |tied: &Tied| {
             if tied.map != self.map.number {
                 return None;
             }
             let keyframe = self.map.nearest_kept(tied.keyframe)?;
             let pose = self.map.poses.get(tied.keyframe.0 as usize)?;
-            let unbent = self.positions.bend(keyframe).inverse() * pose;
             let sighted = Sighted {
-                in_world: (unbent * Point3::from(tied.from_keyframe)).coords,
+                in_world: (pose * Point3::from(tied.from_keyframe)).coords,
                 in_enu: tied.in_enu,
                 covariance: tied.covariance,
             };
@@ -197,20 +134,22 @@ impl Slam {
     }
 }
 
+impl Positions {
+    /// The map of that number has become part of another one.
+    pub(super) fn rename(&mut self, was: u32, is: u32, renaming: Renaming) {
+        for tied in self.tied.iter_mut().filter(|tied| tied.map == was) {
+            (tied.map, tied.keyframe) = (is, renaming.keyframe(tied.keyframe));
+        }
+    }
+}
+
 /// How many positions like this one are wrong alike.
-fn alike(covariance: &Matrix3<f64>) -> f64 {
+pub(super) fn alike(covariance: &Matrix3<f64>) -> f64 {
     let horizontal_m2 = f64::midpoint(covariance[(0, 0)], covariance[(1, 1)]);
     if horizontal_m2 < CORRECTED_M * CORRECTED_M {
         ALIKE_CORRECTED
     } else {
         ALIKE
-    }
-}
-
-impl Positions {
-    fn bend(&self, id: KeyframeId) -> Isometry3<f64> {
-        let before = self.bends.range(..=id).next_back();
-        before.map_or_else(Isometry3::identity, |(_, bend)| *bend)
     }
 }
 
@@ -266,9 +205,11 @@ mod tests {
     fn what_was_said_once_bends_the_way_once_however_often_it_is_heard() {
         let mut slam = straight();
         slam.positions.tied = (0..KEYFRAMES).map(bowed).collect();
+        slam.map.keep_unbent(KeyframeId(KEYFRAMES - 1));
         let bows = [(); 4].map(|()| {
-            slam.positions.new = WORTH;
-            slam.use_positions();
+            slam.positions.new = usize::MAX;
+            slam.bend();
+            slam.bend();
             bow_m(&slam)
         });
         assert!((0.01..0.45).contains(&bows[0]), "{bows:?}");

@@ -1,6 +1,7 @@
 //! SLAM in rendered rooms, where the truth is known: claims about what comes out of the crate.
 
 mod disturbed;
+mod inertial;
 mod loops;
 mod lost;
 mod objects;

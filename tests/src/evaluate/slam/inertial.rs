@@ -52,7 +52,7 @@ pub(super) fn film(
             "{at} {:.7} {:.7} {:.7} {:.6} {:.6} {:.6}",
             w.x, w.y, w.z, f.x, f.y, f.z
         );
-        at = at + PERIOD;
+        at += PERIOD;
     }
     let path = file(folder);
     fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
