@@ -12,13 +12,14 @@
 //!
 //! The map is a set of keyframes and the points they see. Keyframes leave a sliding window of bundle adjustment and come
 //! out as [`DenseKeyframe`]s for the voxel map, without what moved. Later their poses change only where a loop is closed, a
-//! map joined, or satellites contradict the way; [`DenseUpdate::anew`] then says that the voxel map must be made anew.
+//! map joined, or gravity or satellites contradict the way; [`DenseUpdate::anew`] then says that the voxel map must be made anew.
 //!
 //! Where the place is lost for longer than [`Settings::sought_for`], a new map begins. Until a known place joins it to the
 //! old one, the covariance of its poses says that they are a guess, and its keyframes and path are held back.
 //!
 //! The world has z up and the floor at z = 0, fitted in the frame that starts the map, the first with enough features
-//! that have depth; its origin is below the camera of that frame.
+//! that have depth; its origin is below the camera of that frame. With an accelerometer ([`Aid::felt`]) it is turned about that place
+//! until z is up.
 //!
 //! Deterministic: the same frames give the same result, bit for bit, with [`Settings::threaded`] or without. Memory is bounded by
 //! [`Settings::max_keyframes`] and [`Settings::max_points`], apart from the trajectory (120 bytes a frame).
