@@ -167,7 +167,7 @@ fn positions_find_how_the_earth_lies_and_bend_the_path_no_less_for_it() {
 fn uprights_turn_the_path_upright_and_find_how_the_accelerometer_leans() {
     let (truth, mut graph) = square(10);
     // The world leans, and the path drifts out of the plane.
-    let lean = Isometry3::rotation(Vector3::new(0.015, -0.01, 0.0));
+    let lean = Isometry3::rotation(Vector3::new(0.006, -0.004, 0.0));
     let tilt = Isometry3::rotation(Vector3::new(0.0, 0.004, 0.0));
     for edge in &mut graph.edges {
         edge.from_from_to = truth[edge.from].inverse() * truth[edge.to] * tilt;
