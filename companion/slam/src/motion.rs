@@ -39,13 +39,15 @@ pub(crate) struct Guess {
 const LONGEST_S: f64 = 0.3;
 /// Standard deviations of a step between two poses, by the noise of both, and of an acceleration that was not measured and
 /// of one that was.
-pub(crate) const STEP_SIGMA_M: f64 = 0.008;
+const STEP_SIGMA_M: f64 = 0.008;
 const STEP_SIGMA_RAD: f64 = 0.002;
 const ACCELERATION_SIGMA_MPS2: f64 = 5.0;
 const FELT_SIGMA_MPS2: f64 = 0.5;
 /// How much of what a pose is off the foreseen one goes into the place and, times the time between two, into the velocity, at least:
 /// what an accelerometer tells is off by 0.1 m/s², by how it is held, and a pose by a centimetre.
 const LEAST_GAINS: [f64; 2] = [0.2, 0.02];
+/// Farther off, the filter begins anew: the unit leans, or what was followed did not stand.
+const CONTRADICTED_M: f64 = 0.05;
 /// A step this much off the guess is a jump, not motion.
 const JUMP_M: f64 = 0.3;
 const JUMP_RAD: f64 = 0.35;
@@ -146,10 +148,14 @@ impl Motion {
         let step = self.pose.inverse() * pose;
         if dt > 1e-6 {
             let place = pose.translation.vector;
-            if let Some(acceleration) = self.acceleration(aid).filter(|_| self.steps > 0) {
-                let foreseen = self.place + (self.velocity + acceleration * (dt / 2.0)) * dt;
+            let acceleration = self.acceleration(aid).filter(|_| self.steps > 0);
+            let foreseen = |a: Vector3<f64>| self.place + (self.velocity + a * (dt / 2.0)) * dt;
+            let expected = acceleration.map(|a| (a, foreseen(a), place - foreseen(a)));
+            let is_believed = |off: &Vector3<f64>| self.steps < 2 || off.norm() < CONTRADICTED_M;
+            if let Some((acceleration, foreseen, off)) =
+                expected.filter(|(_, _, off)| is_believed(off))
+            {
                 let [of_place, of_velocity] = gains(self.steps + 1);
-                let off = place - foreseen;
                 self.place = foreseen + off * of_place;
                 self.velocity += acceleration * dt + off * (of_velocity / dt);
                 self.steps = self.steps.saturating_add(1);
@@ -234,5 +240,27 @@ mod tests {
             motion.guess(at(900), &aid(0.0)).prior.is_none(),
             "too long ago"
         );
+    }
+
+    #[test]
+    fn an_accelerometer_that_leans_does_not_lead_astray_for_long() {
+        let at = |ms: u64| Stamp::from_nanos(ms * 1_000_000);
+        // At rest; a world that is taken to be level and leans by 20 degrees.
+        let pose = Isometry3::rotation(Vector3::new(0.35, 0.0, 0.0));
+        let aid = Aid {
+            turned: Some(UnitQuaternion::identity()),
+            felt: Some(Felt {
+                specific_force: Vector3::new(0.0, 0.0, GRAVITY_MPS2),
+                unit_in_camera: Vector3::zeros(),
+            }),
+            ..Aid::default()
+        };
+        let mut motion = Motion::at_rest(at(0), pose);
+        for frame in 1..300 {
+            motion.advance(at(33 * frame), pose, &aid);
+            let guess = motion.guess(at(33 * frame + 33), &aid);
+            let off_m = guess.pose.translation.vector.norm();
+            assert!(off_m < 0.07, "frame {frame}: {off_m} m");
+        }
     }
 }

@@ -2,9 +2,9 @@
 
 use maps::frame::Isometry;
 use nalgebra::{Isometry3, UnitQuaternion, Vector3};
-use slam::{Aid, Felt, State, Tracked};
+use slam::{Aid, Felt, Settings, Slam, State, Tracked};
 
-use crate::scene::{Block, Scene, apart, looking, render, render_scene};
+use crate::scene::{Block, CAMERA, Scene, apart, looking, render, render_scene};
 use crate::{TABLE, slam, walk};
 
 const GRAVITY_MPS2: f64 = 9.806_65;
@@ -118,6 +118,26 @@ fn z_becomes_up_where_the_floor_slopes() {
     assert!(with < 0.01, "{with} rad off");
     let level = off_upright_rad(0.0, true);
     assert!(level < 0.01, "{level} rad off on a level floor");
+}
+
+#[test]
+fn threads_change_no_bit_of_a_map_that_is_turned_upright() {
+    let once = |threaded: bool| {
+        let settings = Settings {
+            threaded,
+            ..Settings::default()
+        };
+        let mut slam = Slam::new(CAMERA, settings);
+        let up = UnitQuaternion::from_axis_angle(&Vector3::x_axis(), 0.02) * Vector3::z();
+        let mut outcomes = Vec::new();
+        for i in 0..240 {
+            let frame = render(i, Isometry::claim(around(i as f64)), &[TABLE]);
+            let aid = measured(&around, i, &up);
+            outcomes.push(slam.track_aided(&frame, &aid).expect("a good frame"));
+        }
+        (outcomes, slam.trajectory())
+    };
+    assert!(once(true) == once(false));
 }
 
 #[test]
