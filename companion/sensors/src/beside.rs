@@ -115,7 +115,7 @@ impl Collector {
     }
 
     /// A position; one without a fix is left out.
-    pub fn add_fix(&mut self, fix: &NavSatFix<'_>) {
+    pub(crate) fn add_fix(&mut self, fix: &NavSatFix<'_>) {
         let variances = fix.variances_m2;
         let numbers = [fix.latitude_deg, fix.longitude_deg, fix.altitude_m];
         let is_place = numbers.iter().all(|n| n.is_finite())

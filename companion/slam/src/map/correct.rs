@@ -43,8 +43,8 @@ impl Map {
         }
     }
 
-    /// Where tracking alone would have had a keyframe, but for all that moved its neighbours since they left the window. Of two
-    /// that were tracked one from the other it tells where one was seen from the other.
+    /// Where a keyframe would be if none had moved since it left the window. Only what lies between two of them counts: of two that
+    /// were tracked one from the other, it tells where one was seen from the other.
     pub(crate) fn unbent(&self, id: KeyframeId) -> Isometry3<f64> {
         let index = id.0 as usize;
         let last = self.unbent.len().checked_sub(1);
