@@ -17,6 +17,7 @@
 //! - `ghost_voxels`, `ghost_share`, and `ghost_people_…` of people alone: see [`ghosts`]; the shares are of what
 //!   `no-dynamics` leaves.
 
+mod columns;
 mod film;
 mod flight;
 mod ghosts;

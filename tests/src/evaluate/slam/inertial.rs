@@ -24,6 +24,8 @@ use sitl::scene::Scene;
 use sitl::sensor::imu::{Imu, ImuModel, specific_force};
 use slam::{Aid, Felt};
 
+use super::columns;
+
 const PERIOD: Duration = Duration::from_millis(5);
 
 /// The file in the folder of a recording.
@@ -70,13 +72,7 @@ impl Inertial {
         path: &Path,
         body_from_camera: &Isometry<Body, Camera>,
     ) -> anyhow::Result<Self> {
-        let text = fs::read_to_string(path)
-            .with_context(|| format!("cannot read the samples in {}", path.display()))?;
-        let line = |line: &str| {
-            let words: Vec<f64> = line.split(' ').filter_map(|w| w.parse().ok()).collect();
-            let [at, wx, wy, wz, fx, fy, fz] = words[..] else {
-                return None;
-            };
+        let line = |[at, wx, wy, wz, fx, fy, fz]: [f64; 7]| {
             Some(Sample {
                 at: Stamp::from_secs_f64(at)?,
                 frame_id: "imu",
@@ -86,11 +82,8 @@ impl Inertial {
                 specific_force_variance: 0.0,
             })
         };
-        let waiting: Option<VecDeque<_>> = text.lines().map(line).collect();
-        let waiting =
-            waiting.with_context(|| format!("{} has a line that is no sample", path.display()))?;
         Ok(Self {
-            waiting,
+            waiting: columns::read(path, "sample", line)?.into(),
             collector: Collector::default(),
             camera_from_body: body_from_camera.inverse(),
         })

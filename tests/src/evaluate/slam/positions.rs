@@ -22,6 +22,8 @@ use sitl::scene::Scene;
 use sitl::sensor::gnss::{Receiver, ReceiverModel, Sky};
 use slam::Fix;
 
+use super::columns;
+
 /// The receivers that are flown, by the ending of the methods that use them.
 pub(super) fn receivers() -> [(&'static str, ReceiverModel); 2] {
     [("m8n", ReceiverModel::m8n()), ("rtk", ReceiverModel::rtk())]
@@ -79,14 +81,8 @@ impl Positions {
         path: &Path,
         body_from_camera: &Isometry<Body, Camera>,
     ) -> anyhow::Result<Self> {
-        let text = fs::read_to_string(path)
-            .with_context(|| format!("cannot read the positions in {}", path.display()))?;
         let antenna_in_camera = body_from_camera.raw.inverse().translation.vector;
-        let line = |line: &str| {
-            let words: Vec<f64> = line.split(' ').filter_map(|w| w.parse().ok()).collect();
-            let [comes, at, east, north, up, horizontal, vertical] = words[..] else {
-                return None;
-            };
+        let line = |[comes, at, east, north, up, horizontal, vertical]: [f64; 7]| {
             let variances = Vector3::new(horizontal, horizontal, vertical).map(|s| s * s);
             let fix = Fix {
                 at: Stamp::from_secs_f64(at)?,
@@ -96,9 +92,7 @@ impl Positions {
             };
             Some((Stamp::from_secs_f64(comes)?, fix))
         };
-        let waiting: Option<VecDeque<_>> = text.lines().map(line).collect();
-        let waiting = waiting
-            .with_context(|| format!("{} has a line that is no position", path.display()))?;
+        let waiting = columns::read(path, "position", line)?.into();
         Ok(Self { waiting })
     }
 
